@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "plumbline/core/result.hpp"
+#include "plumbline/io/files.hpp"
+#include "plumbline/rectify/rectify.hpp"
+#include "plumbline/rig/rig.hpp"
+
+namespace plumbline {
+
+/// What a format may need besides the rig.
+struct WriteOptions {
+  const StereoRectification* rectification = nullptr;  ///< of cameras 0 and 1; for formats that carry R and P
+  double rms_px = 0;                                   ///< 0: not known, not written
+};
+
+/// A format of camera files. Each knows which lenses it can express; text in, text out, so that each can be tested and
+/// fuzzed in memory. Adding one: docs/io.md.
+struct Format {
+  std::string_view name;     ///< "opencv", what --to and --from take
+  std::string_view summary;  ///< one line for help and README
+  std::string_view files;    ///< "CAMERA.yml, or intrinsics.yml + extrinsics.yml"
+  std::string_view lenses;   ///< names of the lenses it can express, separated by blanks; a test holds it to that
+  bool carries_extrinsics;   ///< whether a rig comes back whole
+  /// kUnsupported names the lens or the number of cameras that the format cannot express.
+  Result<std::vector<NamedBytes>> (*write)(const Rig&, const WriteOptions&);
+  /// From the files of one rig, in the order of its cameras. nullptr: write only.
+  Result<Rig> (*read)(std::span<const NamedBytes>);
+  /// Whether these bytes look like this format; cheap.
+  bool (*recognises)(std::string_view bytes);
+};
+
+/// The one table.
+std::span<const Format* const> formats();
+const Format* find_format(std::string_view name);
+
+/// Reads camera files of any known format (told from their content), Plumbline's own calibration.yaml included.
+/// `format_name` empty: find out.
+Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name = "");
+
+}  // namespace plumbline

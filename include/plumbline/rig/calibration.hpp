@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "plumbline/rig/dataset.hpp"
+#include "plumbline/rig/rig.hpp"
+
+namespace plumbline {
+
+/// What the solver made of one corner: residual = projection - measured [px].
+struct CornerFit {
+  Vec2 residual_px = Vec2::Zero();
+  bool outlier = false;  ///< not used in the last solve
+};
+
+/// A direction of the shared parameters that the data hardly constrain.
+struct WeakDirection {
+  std::string parameters;   ///< "left fx (+0.71), left fy (+0.70)": what moves along it, largest share first
+  double sigma = 0;         ///< standard deviation along it, in the unit of `parameters`' first entry
+  std::string consequence;  ///< one sentence for the user with the number and what to do next
+};
+
+struct SolveStats {
+  double rms_px = 0;     ///< root of the mean over inlier corners of dx^2 + dy^2 (as OpenCV reports it)
+  double rms_xy_px = 0;  ///< rms_px / sqrt(2) (as mrcal reports it)
+  int n_corners = 0;     ///< inlier corners
+  int n_outliers = 0;
+  int iterations = 0;
+  bool converged = false;
+  std::string termination;  ///< why the solver stopped, one line
+  std::vector<WeakDirection> weak;
+};
+
+/// How the calibration came to be: enough to run it again. No dates, no absolute paths.
+struct Provenance {
+  std::string version;                         ///< of Plumbline
+  std::map<std::string, std::string> options;  ///< "lens", "loss", "start", "seed", "outliers", ...
+  std::string corners_hash;                    ///< 64-bit FNV-1a of the corners, hexadecimal
+};
+
+/// What the solver knows. `fits` runs parallel to `data.views` and their corners.
+struct Calibration {
+  Rig rig;
+  Dataset data;
+  std::vector<std::optional<SE3>> T_rig_board;  ///< one per frame; nullopt: the frame was not used
+  std::vector<std::vector<CornerFit>> fits;     ///< per view, per corner; empty for a view that was not used
+  std::vector<std::string> view_reason;         ///< per view: why it was not used; empty when it was
+  SolveStats stats;
+  std::optional<MatX> covariance;               ///< of the shared parameters in the order of shared_parameter_names(), unit noise scaled by the residuals
+  Provenance provenance;
+};
+
+/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * p_board). nullopt outside the lens' domain or
+/// when the view's frame has no pose.
+std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point);
+
+/// "left fx", ..., "right r_x", "right t_x", ...: lens parameters of each camera, then the six numbers [rotation rad |
+/// translation m] of each T_cam_rig but the first; the order of every vector over the shared parameters.
+std::vector<std::string> shared_parameter_names(const Rig& rig);
+
+/// rms_px over the inlier corners of one camera, or of one view; 0 when there are none.
+double camera_rms_px(const Calibration& calibration, int cam);
+double view_rms_px(const Calibration& calibration, int view);
+
+/// 64-bit FNV-1a over cameras, frames and corners, as 16 hexadecimal digits.
+std::string corners_hash(const Dataset& data);
+
+}  // namespace plumbline

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "plumbline/rig/calibration.hpp"
+
+#include <fmt/format.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdint>
+
+namespace plumbline {
+
+std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point) {
+  const std::optional<SE3>& T_rig_board = calibration.T_rig_board[view.frame];
+  if (!T_rig_board) return std::nullopt;
+  const Vec3 p_cam =
+      calibration.rig.T_cam_rig[view.cam] * (*T_rig_board * calibration.data.target.points[point]);
+  return project(calibration.rig.cameras[view.cam].lens, p_cam);
+}
+
+std::vector<std::string> shared_parameter_names(const Rig& rig) {
+  std::vector<std::string> names;
+  for (const Camera& camera : rig.cameras) {
+    for (std::string_view name : param_names(camera.lens)) names.push_back(fmt::format("{} {}", camera.name, name));
+  }
+  for (std::size_t i = 1; i < rig.cameras.size(); ++i) {
+    for (const char* name : {"r_x", "r_y", "r_z", "t_x", "t_y", "t_z"}) {
+      names.push_back(rig.cameras[i].name + " " + name);
+    }
+  }
+  return names;
+}
+
+namespace {
+template <class Wanted>
+double rms_of(const Calibration& calibration, Wanted&& wanted) {
+  double sum = 0;
+  int n = 0;
+  for (std::size_t v = 0; v < calibration.fits.size(); ++v) {
+    if (!wanted(v)) continue;
+    for (const CornerFit& fit : calibration.fits[v]) {
+      if (fit.outlier) continue;
+      sum += fit.residual_px.squaredNorm();
+      ++n;
+    }
+  }
+  return n > 0 ? std::sqrt(sum / n) : 0.0;
+}
+}  // namespace
+
+double camera_rms_px(const Calibration& calibration, int cam) {
+  return rms_of(calibration, [&](std::size_t v) { return calibration.data.views[v].cam == cam; });
+}
+
+double view_rms_px(const Calibration& calibration, int view) {
+  return rms_of(calibration, [&](std::size_t v) { return v == static_cast<std::size_t>(view); });
+}
+
+std::string corners_hash(const Dataset& data) {
+  std::uint64_t hash = 0xcbf29ce484222325ULL;
+  const auto add_bytes = [&](const void* bytes, std::size_t n) {
+    for (std::size_t i = 0; i < n; ++i) hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 0x100000001b3ULL;
+  };
+  const auto add_number = [&](double value) {
+    const auto bits = std::bit_cast<std::uint64_t>(value);
+    add_bytes(&bits, sizeof bits);
+  };
+  for (const CameraInfo& camera : data.cameras) {
+    add_bytes(camera.name.data(), camera.name.size());
+    add_number(camera.size.width);
+    add_number(camera.size.height);
+  }
+  for (const View& view : data.views) {
+    add_number(view.cam);
+    add_number(view.frame);
+    for (const Corner& c : view.corners) {
+      add_number(c.point);
+      add_number(c.px.x());
+      add_number(c.px.y());
+    }
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+}  // namespace plumbline
