@@ -17,8 +17,8 @@ struct Common {
 /// Exit codes of the program; part of its contract.
 enum ExitCode { kDone = 0, kFailed = 1, kUsage = 2, kGateMissed = 3 };
 
-/// A subcommand: `add` declares its options on `app` and sets app.callback to do the work; the callback stores the exit
-/// code in `exit_code`. One file per subcommand, one line in the table of commands.cpp.
+/// A subcommand: `add` declares its options on `app` and sets app.callback to do the work; the callback
+/// stores the exit code in `exit_code`. One file per subcommand, one line in the table of commands.cpp.
 struct Command {
   std::string_view name, summary;
   void (*add)(CLI::App& app, const Common& common, int& exit_code);

@@ -7,12 +7,13 @@
 namespace plumbline {
 namespace {
 
-// A chart of the unit sphere around the optical axis: the vector (a, b) of length theta points theta radians from
-// the axis. It covers every direction but the one straight back, so that one Newton iteration serves every lens.
+// A chart of the unit sphere around the optical axis: the vector (a, b) of length theta points theta radians
+// from the axis. It covers every direction but the one straight back, so that one Newton iteration serves
+// every lens.
 Vec3 ray_of(const Vec2& chart, Eigen::Matrix<double, 3, 2>* J = nullptr) {
   const double t = chart.norm(), t2 = t * t;
-  const double s = t < 1e-4 ? 1 - t2 / 6 : std::sin(t) / t;                        // sin(t)/t
-  const double ds = t < 1e-2 ? -1.0 / 3 + t2 / 30 : (std::cos(t) - s) / t2;        // (d s/d t) / t
+  const double s = t < 1e-4 ? 1 - t2 / 6 : std::sin(t) / t;                  // sin(t)/t
+  const double ds = t < 1e-2 ? -1.0 / 3 + t2 / 30 : (std::cos(t) - s) / t2;  // (d s/d t) / t
   if (J) {
     *J << s + ds * chart.x() * chart.x(), ds * chart.x() * chart.y(), ds * chart.x() * chart.y(),
         s + ds * chart.y() * chart.y(), -s * chart.x(), -s * chart.y();
@@ -20,16 +21,18 @@ Vec3 ray_of(const Vec2& chart, Eigen::Matrix<double, 3, 2>* J = nullptr) {
   return {s * chart.x(), s * chart.y(), std::cos(t)};
 }
 
-// The chart point along `direction` whose image is `radius_px`-most: radial bisection, the tangential terms left out
-// of account. It cannot be fooled by a lens that folds back, because the domain ends there.
+// The chart point along `direction` whose image is `radius_px`-most: radial bisection, the tangential terms
+// left out of account. It cannot be fooled by a lens that folds back, because the domain ends there.
 Vec2 radial_start(const Lens& lens, const Vec2& direction, const Vec2& px, const Vec2& centre_px) {
   double low = 0, high = is_central_perspective(lens) ? std::numbers::pi / 2 : std::numbers::pi;
   const double wanted = (px - centre_px).norm();
   for (int i = 0; i < 40; ++i) {
     const double middle = 0.5 * (low + high);
     const auto q = project(lens, ray_of(middle * direction));
-    if (!q || (*q - centre_px).norm() > wanted) high = middle;
-    else low = middle;
+    if (!q || (*q - centre_px).norm() > wanted)
+      high = middle;
+    else
+      low = middle;
   }
   return low * direction;
 }

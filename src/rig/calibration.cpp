@@ -20,7 +20,8 @@ std::optional<Vec2> predict(const Calibration& calibration, const View& view, in
 std::vector<std::string> shared_parameter_names(const Rig& rig) {
   std::vector<std::string> names;
   for (const Camera& camera : rig.cameras) {
-    for (std::string_view name : param_names(camera.lens)) names.push_back(fmt::format("{} {}", camera.name, name));
+    for (std::string_view name : param_names(camera.lens))
+      names.push_back(fmt::format("{} {}", camera.name, name));
   }
   for (std::size_t i = 1; i < rig.cameras.size(); ++i) {
     for (const char* name : {"r_x", "r_y", "r_z", "t_x", "t_y", "t_z"}) {
@@ -58,7 +59,8 @@ double view_rms_px(const Calibration& calibration, int view) {
 std::string corners_hash(const Dataset& data) {
   std::uint64_t hash = 0xcbf29ce484222325ULL;
   const auto add_bytes = [&](const void* bytes, std::size_t n) {
-    for (std::size_t i = 0; i < n; ++i) hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 0x100000001b3ULL;
+    for (std::size_t i = 0; i < n; ++i)
+      hash = (hash ^ static_cast<const unsigned char*>(bytes)[i]) * 0x100000001b3ULL;
   };
   const auto add_number = [&](double value) {
     const auto bits = std::bit_cast<std::uint64_t>(value);

@@ -12,7 +12,8 @@ namespace {
 std::optional<std::string> fault_of(const View& view, const Dataset& data) {
   const int n_cams = static_cast<int>(data.cameras.size()), n_frames = static_cast<int>(data.frames.size());
   if (view.cam < 0 || view.cam >= n_cams) return fmt::format("camera index {} of {}", view.cam, n_cams);
-  if (view.frame < 0 || view.frame >= n_frames) return fmt::format("frame index {} of {}", view.frame, n_frames);
+  if (view.frame < 0 || view.frame >= n_frames)
+    return fmt::format("frame index {} of {}", view.frame, n_frames);
   const ImageSize size = data.cameras[view.cam].size;
   int previous = -1;
   for (const Corner& c : view.corners) {
@@ -25,8 +26,8 @@ std::optional<std::string> fault_of(const View& view, const Dataset& data) {
     // Generous: a corner finder may extrapolate a little beyond the border.
     if (c.px.x() < -0.5 * size.width || c.px.x() > 1.5 * size.width || c.px.y() < -0.5 * size.height ||
         c.px.y() > 1.5 * size.height) {
-      return fmt::format("point {} at ({:.1f}, {:.1f}) px is far outside the {}x{} image", c.point, c.px.x(), c.px.y(),
-                         size.width, size.height);
+      return fmt::format("point {} at ({:.1f}, {:.1f}) px is far outside the {}x{} image", c.point, c.px.x(),
+                         c.px.y(), size.width, size.height);
     }
     if (!(c.sigma_px > 0) || !std::isfinite(c.sigma_px)) {
       return fmt::format("sigma {} px of point {} is not a positive number", c.sigma_px, c.point);
@@ -45,7 +46,8 @@ Status validate(const Dataset& data) {
   std::set<std::string> names;
   for (const CameraInfo& camera : data.cameras) {
     if (camera.size.width <= 0 || camera.size.height <= 0) {
-      return bad(fmt::format("image size {}x{}", camera.size.width, camera.size.height), "camera " + camera.name);
+      return bad(fmt::format("image size {}x{}", camera.size.width, camera.size.height),
+                 "camera " + camera.name);
     }
     if (!names.insert(camera.name).second) return bad("two cameras have this name", "camera " + camera.name);
   }
@@ -53,7 +55,8 @@ Status validate(const Dataset& data) {
   for (const View& view : data.views) {
     if (auto fault = fault_of(view, data)) return bad(*std::move(fault), "view " + view.image);
     if (!seen.insert({view.cam, view.frame}).second) {
-      return bad(fmt::format("camera {} has two images for frame {}", data.cameras[view.cam].name, data.frames[view.frame]),
+      return bad(fmt::format("camera {} has two images for frame {}", data.cameras[view.cam].name,
+                             data.frames[view.frame]),
                  "view " + view.image);
     }
   }

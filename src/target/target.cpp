@@ -50,30 +50,36 @@ Result<std::vector<Vec3>> points_of(const Charuco& b) {
   PLUMBLINE_TRY(check_length("square", b.square_m));
   PLUMBLINE_TRY(check_length("marker", b.marker_m));
   if (!(b.marker_m < b.square_m)) {
-    return bad(fmt::format("the marker ({} m) must be smaller than its square ({} m)", b.marker_m, b.square_m));
+    return bad(
+        fmt::format("the marker ({} m) must be smaller than its square ({} m)", b.marker_m, b.square_m));
   }
   const auto size = dictionary_size(b.dictionary);
-  if (!size) return bad(fmt::format("no ArUco dictionary is called '{}' (4X4_50, 5X5_1000, ...)", b.dictionary));
+  if (!size)
+    return bad(fmt::format("no ArUco dictionary is called '{}' (4X4_50, 5X5_1000, ...)", b.dictionary));
   const int n_markers = b.columns * b.rows / 2;
   if (b.first_id < 0 || b.first_id + n_markers > *size) {
-    return bad(fmt::format("markers {}..{} are needed, dictionary {} has {}", b.first_id, b.first_id + n_markers - 1,
-                           b.dictionary, *size));
+    return bad(fmt::format("markers {}..{} are needed, dictionary {} has {}", b.first_id,
+                           b.first_id + n_markers - 1, b.dictionary, *size));
   }
   return points_of(Chessboard{b.columns - 1, b.rows - 1, b.square_m});
 }
 
 Result<std::vector<Vec3>> points_of(const AprilGrid& b) {
   if (b.columns < 1 || b.rows < 1 || static_cast<long>(b.columns) * b.rows * 4 > kMaxPoints) {
-    return bad(fmt::format("tags {}x{}: at least one, and at most {} in all", b.columns, b.rows, kMaxPoints / 4));
+    return bad(
+        fmt::format("tags {}x{}: at least one, and at most {} in all", b.columns, b.rows, kMaxPoints / 4));
   }
   PLUMBLINE_TRY(check_length("tag-size", b.tag_m));
   if (!(b.spacing > 0 && b.spacing < 10)) {
-    return bad(fmt::format("tag-spacing is {}: a ratio of the tag's size is needed (0.3: the gap is 0.3 tags wide), not metres",
-                           b.spacing));
+    return bad(fmt::format(
+        "tag-spacing is {}: a ratio of the tag's size is needed (0.3: the gap is 0.3 tags wide), not metres",
+        b.spacing));
   }
-  if (b.family != "36h11") return bad(fmt::format("tag family '{}' is not supported; there is: 36h11", b.family));
+  if (b.family != "36h11")
+    return bad(fmt::format("tag family '{}' is not supported; there is: 36h11", b.family));
   if (b.first_id < 0 || b.first_id + b.columns * b.rows > 587) {
-    return bad(fmt::format("tags {}..{} are needed, 36h11 has 587", b.first_id, b.first_id + b.columns * b.rows - 1));
+    return bad(fmt::format("tags {}..{} are needed, 36h11 has 587", b.first_id,
+                           b.first_id + b.columns * b.rows - 1));
   }
   const double pitch = b.tag_m * (1 + b.spacing);
   std::vector<Vec3> points;
@@ -121,15 +127,19 @@ Result<std::vector<Vec3>> points_of(const BoardRig& rig) {
     const auto add_ids = [&](const std::string& dictionary, int first, int n) -> Status {
       for (int id = first; id < first + n; ++id) {
         if (!ids.insert({dictionary, id}).second) {
-          return bad(fmt::format("part {}: id {} of {} is on another part too; give each board a first_id of its own", i,
-                                 id, dictionary));
+          return bad(fmt::format(
+              "part {}: id {} of {} is on another part too; give each board a first_id of its own", i, id,
+              dictionary));
         }
       }
       return {};
     };
-    Status unique = bad(fmt::format("part {}: only charuco and aprilgrid boards can be told apart in a rig", i));
-    if (const auto* c = std::get_if<Charuco>(&rig.parts[i].board)) unique = add_ids(c->dictionary, c->first_id, c->columns * c->rows / 2);
-    if (const auto* a = std::get_if<AprilGrid>(&rig.parts[i].board)) unique = add_ids(a->family, a->first_id, a->columns * a->rows);
+    Status unique =
+        bad(fmt::format("part {}: only charuco and aprilgrid boards can be told apart in a rig", i));
+    if (const auto* c = std::get_if<Charuco>(&rig.parts[i].board))
+      unique = add_ids(c->dictionary, c->first_id, c->columns * c->rows / 2);
+    if (const auto* a = std::get_if<AprilGrid>(&rig.parts[i].board))
+      unique = add_ids(a->family, a->first_id, a->columns * a->rows);
     PLUMBLINE_TRY(std::move(unique));
     auto board = make_target(rig.parts[i].board);
     if (!board) return board.error();
@@ -142,10 +152,19 @@ std::string mm(double length_m) { return fmt::format("{:g}mm", 1e3 * length_m); 
 
 std::string default_name(const TargetSpec& spec) {
   struct {
-    std::string operator()(const Chessboard& b) { return fmt::format("chessboard_{}x{}_{}", b.columns, b.rows, mm(b.square_m)); }
-    std::string operator()(const Charuco& b) { return fmt::format("charuco_{}x{}_{}_{}", b.columns, b.rows, mm(b.square_m), b.dictionary); }
-    std::string operator()(const AprilGrid& b) { return fmt::format("aprilgrid_{}x{}_{}", b.columns, b.rows, mm(b.tag_m)); }
-    std::string operator()(const Circles& b) { return fmt::format("{}_{}x{}_{}", b.asymmetric ? "acircles" : "circles", b.columns, b.rows, mm(b.spacing_m)); }
+    std::string operator()(const Chessboard& b) {
+      return fmt::format("chessboard_{}x{}_{}", b.columns, b.rows, mm(b.square_m));
+    }
+    std::string operator()(const Charuco& b) {
+      return fmt::format("charuco_{}x{}_{}_{}", b.columns, b.rows, mm(b.square_m), b.dictionary);
+    }
+    std::string operator()(const AprilGrid& b) {
+      return fmt::format("aprilgrid_{}x{}_{}", b.columns, b.rows, mm(b.tag_m));
+    }
+    std::string operator()(const Circles& b) {
+      return fmt::format("{}_{}x{}_{}", b.asymmetric ? "acircles" : "circles", b.columns, b.rows,
+                         mm(b.spacing_m));
+    }
     std::string operator()(const Points3d& b) { return fmt::format("points_{}", b.points_m.size()); }
     std::string operator()(const BoardRig& b) { return fmt::format("rig_of_{}", b.parts.size()); }
   } name;
@@ -155,7 +174,8 @@ std::string default_name(const TargetSpec& spec) {
 std::optional<Lattice> lattice_of(const TargetSpec& spec) {
   if (const auto* b = std::get_if<Chessboard>(&spec)) return Lattice{b->columns, b->rows, b->square_m};
   if (const auto* b = std::get_if<Charuco>(&spec)) return Lattice{b->columns - 1, b->rows - 1, b->square_m};
-  if (const auto* b = std::get_if<Circles>(&spec); b && !b->asymmetric) return Lattice{b->columns, b->rows, b->spacing_m};
+  if (const auto* b = std::get_if<Circles>(&spec); b && !b->asymmetric)
+    return Lattice{b->columns, b->rows, b->spacing_m};
   return std::nullopt;
 }
 
@@ -190,8 +210,11 @@ std::string_view target_type(const TargetSpec& spec) {
 std::vector<TargetType> target_types() {
   std::vector<TargetType> types;
   [&]<std::size_t... I>(std::index_sequence<I...>) {
-    (types.push_back({std::variant_alternative_t<I, TargetSpec>::kType, std::variant_alternative_t<I, TargetSpec>::kSummary}), ...);
-  }(std::make_index_sequence<std::variant_size_v<TargetSpec>>{});
+    (types.push_back({std::variant_alternative_t<I, TargetSpec>::kType,
+                      std::variant_alternative_t<I, TargetSpec>::kSummary}),
+     ...);
+  }
+  (std::make_index_sequence<std::variant_size_v<TargetSpec>>{});
   return types;
 }
 
@@ -226,8 +249,8 @@ std::optional<int> dictionary_size(std::string_view dictionary) {
 }
 
 bool is_half_turn_symmetric(const TargetSpec& spec) {
-  // A half turn maps the square right of and below the first corner to the one left of and above the last: the colours
-  // agree when columns + rows is even.
+  // A half turn maps the square right of and below the first corner to the one left of and above the last:
+  // the colours agree when columns + rows is even.
   if (const auto* b = std::get_if<Chessboard>(&spec)) return (b->columns + b->rows) % 2 == 0;
   if (const auto* b = std::get_if<Circles>(&spec)) return !b->asymmetric || b->rows % 2 == 1;
   return false;

@@ -24,11 +24,12 @@ class TempDir {
   std::filesystem::path path_;
 };
 
-/// A folder of the optional data sets (environment variable PLUMBLINE_DATA), nullopt when they are not there. With
-/// PLUMBLINE_REQUIRE_DATA=1, as in CI, their absence is a failure instead.
+/// A folder of the optional data sets (environment variable PLUMBLINE_DATA), nullopt when they are not there.
+/// With PLUMBLINE_REQUIRE_DATA=1, as in CI, their absence is a failure instead.
 std::optional<std::filesystem::path> data_dir(const std::string& folder);
 
-/// The left/right photographs of Debian's opencv-doc (environment variable PLUMBLINE_DEMO_IMAGES, set by ./dev).
+/// The left/right photographs of Debian's opencv-doc (environment variable PLUMBLINE_DEMO_IMAGES, set by
+/// ./dev).
 std::optional<std::filesystem::path> demo_images();
 
 /// Use as: const auto dir = data_dir("x"); PLUMBLINE_NEEDS(dir);

@@ -8,7 +8,7 @@ namespace plumbline {
 /// Projection difference of two cameras over a grid of the first one's image [px].
 struct DiffPx {
   double rms = 0, p95 = 0, max = 0;
-  int n_samples = 0;         ///< grid points that both lenses project
+  int n_samples = 0;             ///< grid points that both lenses project
   double compared_fraction = 0;  ///< of the grid points of the image; below 1 where a domain ends inside it
 };
 
@@ -19,8 +19,9 @@ enum class Align {
   kPose,      ///< the rotation and translation that fit best, for points at `distance_m`
 };
 
-/// Unprojects a 60 x 45 grid of a's image with lens a, projects with lens b, and takes the distances. kInvalidData when
-/// the image sizes differ; kDegenerate when fewer than 10 grid points can be compared.
-Result<DiffPx> compare_cameras(const Camera& a, const Camera& b, Align align = Align::kNone, double distance_m = 1.0);
+/// Unprojects a 60 x 45 grid of a's image with lens a, projects with lens b, and takes the distances.
+/// kInvalidData when the image sizes differ; kDegenerate when fewer than 10 grid points can be compared.
+Result<DiffPx> compare_cameras(const Camera& a, const Camera& b, Align align = Align::kNone,
+                               double distance_m = 1.0);
 
 }  // namespace plumbline

@@ -8,7 +8,7 @@ namespace plumbline {
 }  // namespace plumbline
 
 /// A caller broke a precondition: throws std::invalid_argument, always on, at API boundaries only.
-#define PLUMBLINE_CHECK(condition, text)                                               \
-  do {                                                                                 \
+#define PLUMBLINE_CHECK(condition, text)                                                            \
+  do {                                                                                              \
     if (!(condition)) ::plumbline::throw_invalid_argument(std::string(text) + " (" #condition ")"); \
   } while (false)

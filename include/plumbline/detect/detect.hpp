@@ -12,7 +12,7 @@
 namespace plumbline {
 
 struct DetectOptions {
-  int n_threads = 0;      ///< <= 0: all cores; results do not depend on it
+  int n_threads = 0;  ///< <= 0: all cores; results do not depend on it
   /// Called after each image, from any thread but never from two at once: images done, images in all.
   std::function<void(int, int)> progress;
 };
@@ -20,11 +20,12 @@ struct DetectOptions {
 /// What was found in one image. Exactly one of corners and reason is non-empty.
 struct Detection {
   std::vector<Corner> corners;  ///< ascending by point; px with pixel centres at integers
-  std::string reason;           ///< "no 9x6 chessboard found", "3 of 36 tags found, at least 4 are needed", ...
-  std::string method;           ///< "cornerSubPix", "SB", ...; empty when nothing was found
+  std::string reason;  ///< "no 9x6 chessboard found", "3 of 36 tags found, at least 4 are needed", ...
+  std::string method;  ///< "cornerSubPix", "SB", ...; empty when nothing was found
 };
 
-/// Finds the target in one 8-bit grey image. Thread-safe. kUnsupported when the target cannot be detected (free points).
+/// Finds the target in one 8-bit grey image. Thread-safe. kUnsupported when the target cannot be detected
+/// (free points).
 Result<Detection> detect_target(const cv::Mat& grey, const Target& target);
 
 /// The images of one camera, in order, with the frame key of each (the text that the wildcards matched).
@@ -35,10 +36,11 @@ struct CameraImages {
   std::vector<std::string> frames;  ///< one key per file; equal keys of different cameras are one frame
 };
 
-/// Detects the target in every image on all cores. A failure of one image (cannot be decoded) fails the run with its
-/// name; an image without the board becomes a View with a reason. kInvalidData: two image sizes in one camera.
-/// kDegenerate: the board is in no image of a camera. Within one camera all chessboard corners come from one method;
-/// where SB had to be used for some images the Dataset's `detector` remark says so.
-Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target, const DetectOptions& options = {});
+/// Detects the target in every image on all cores. A failure of one image (cannot be decoded) fails the run
+/// with its name; an image without the board becomes a View with a reason. kInvalidData: two image sizes in
+/// one camera. kDegenerate: the board is in no image of a camera. Within one camera all chessboard corners
+/// come from one method; where SB had to be used for some images the Dataset's `detector` remark says so.
+Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target,
+                               const DetectOptions& options = {});
 
 }  // namespace plumbline

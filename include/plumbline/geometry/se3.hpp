@@ -39,13 +39,14 @@ Vec6 se3_log(const SE3& T);
 /// Ad(T): T exp(xi) T^-1 = exp(Ad(T) xi), in the order [rotation | translation].
 Mat6 se3_adjoint(const SE3& T);
 
-/// exp(xi + d) = exp(J_l(xi) d) exp(xi) to first order; the right Jacobian is J_l(-xi). Barfoot 2017, eq. 7.85.
+/// exp(xi + d) = exp(J_l(xi) d) exp(xi) to first order; the right Jacobian is J_l(-xi). Barfoot 2017,
+/// eq. 7.85.
 Mat6 se3_left_jacobian(const Vec6& xi);
 Mat6 se3_right_jacobian(const Vec6& xi);
 
-/// The step that every iteration of the library takes: R <- exp(dw) R, t <- t + dt, for d = [dw (rad) | dt (m)].
-/// Rotation and translation are stepped apart (SO(3) x R^3), which keeps the Jacobian of a moved point simple:
-/// d(T p)/d[dw | dt] = [-[R p]_x | I].
+/// The step that every iteration of the library takes: R <- exp(dw) R, t <- t + dt, for d = [dw (rad) | dt
+/// (m)]. Rotation and translation are stepped apart (SO(3) x R^3), which keeps the Jacobian of a moved point
+/// simple: d(T p)/d[dw | dt] = [-[R p]_x | I].
 SE3 box_plus(const SE3& T, const Vec6& d);
 
 /// The d with box_plus(a, d) == b.

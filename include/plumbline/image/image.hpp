@@ -7,7 +7,8 @@
 
 namespace plumbline {
 
-/// An image file as 8-bit grey. kIo: missing or unreadable; kParse: the file is there but is no image that can be decoded.
+/// An image file as 8-bit grey. kIo: missing or unreadable; kParse: the file is there but is no image that
+/// can be decoded.
 Result<cv::Mat> read_image_grey(const std::filesystem::path& file);
 
 /// An image file as it is: 8-bit grey or BGR. Failures as above.

@@ -17,12 +17,13 @@ struct NamedBytes {
 /// The whole file; kIo with the operating system's reason. Files over 256 MiB are refused.
 Result<std::string> read_file(const std::filesystem::path& file);
 
-/// Writes beside the file and renames, so that the file is whole or absent; kIo (full disc, no permission, file too
-/// large) leaves nothing behind. An existing file is replaced only with `force`.
+/// Writes beside the file and renames, so that the file is whole or absent; kIo (full disc, no permission,
+/// file too large) leaves nothing behind. An existing file is replaced only with `force`.
 Status write_file(const std::filesystem::path& file, std::string_view bytes, bool force);
 
-/// A directory that appears whole or not at all: write into path(), then commit(). Without commit() (an error, an
-/// exception) it vanishes. An existing directory is replaced only with `force`, and only at commit().
+/// A directory that appears whole or not at all: write into path(), then commit(). Without commit() (an
+/// error, an exception) it vanishes. An existing directory is replaced only with `force`, and only at
+/// commit().
 class OutputDir {
  public:
   /// kIo when the directory exists and `force` is not set, or the parent cannot be written.

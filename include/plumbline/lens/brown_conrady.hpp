@@ -8,26 +8,31 @@
 
 namespace plumbline {
 
-/// Brown's radial and decentring distortion as OpenCV numbers it: N = 4 (k1 k2 p1 p2), 5 (+ k3), 8 (+ k4 k5 k6, the
-/// rational model), 12 (+ s1 s2 s3 s4, thin prism). Brown, "Close-range camera calibration" (1971); the rational
-/// form: Claus & Fitzgibbon 2005. With x = X/Z, y = Y/Z, s = x^2 + y^2:
+/// Brown's radial and decentring distortion as OpenCV numbers it: N = 4 (k1 k2 p1 p2), 5 (+ k3), 8 (+ k4 k5
+/// k6, the rational model), 12 (+ s1 s2 s3 s4, thin prism). Brown, "Close-range camera calibration" (1971);
+/// the rational form: Claus & Fitzgibbon 2005. With x = X/Z, y = Y/Z, s = x^2 + y^2:
 ///
 ///   c   = (1 + k1 s + k2 s^2 + k3 s^3) / (1 + k4 s + k5 s^2 + k6 s^3)
 ///   x'' = x c + 2 p1 x y + p2 (s + 2 x^2) + s1 s + s2 s^2
 ///   y'' = y c + p1 (s + 2 y^2) + 2 p2 x y + s3 s + s4 s^2
 ///   px  = (fx x'' + cx, fy y'' + cy)
 ///
-/// Domain: z > 0; the denominator is positive and the radial map r c(r^2) increases all the way from the axis to
-/// the point (beyond, the image folds back over itself); and d(x'', y'')/d(x, y) keeps its orientation at the point.
+/// Domain: z > 0; the denominator is positive and the radial map r c(r^2) increases all the way from the axis
+/// to the point (beyond, the image folds back over itself); and d(x'', y'')/d(x, y) keeps its orientation at
+/// the point.
 template <int N>
 struct BrownConrady {
   static_assert(N == 4 || N == 5 || N == 8 || N == 12);
   double fx = 1, fy = 1, cx = 0, cy = 0;  ///< [px]
   std::array<double, N> d{};              ///< k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]], no unit
 
-  static constexpr std::string_view kName = N == 4 ? "opencv4" : N == 5 ? "opencv5" : N == 8 ? "opencv8" : "opencv12";
-  static constexpr std::string_view kSummary = N == 4   ? "Brown-Conrady, two radial and two tangential terms"
-                                               : N == 5 ? "Brown-Conrady, three radial and two tangential terms"
+  static constexpr std::string_view kName = N == 4   ? "opencv4"
+                                            : N == 5 ? "opencv5"
+                                            : N == 8 ? "opencv8"
+                                                     : "opencv12";
+  static constexpr std::string_view kSummary = N == 4 ? "Brown-Conrady, two radial and two tangential terms"
+                                               : N == 5
+                                                   ? "Brown-Conrady, three radial and two tangential terms"
                                                : N == 8 ? "rational radial and two tangential terms"
                                                         : "rational radial, tangential and thin prism terms";
   static constexpr int kNumParams = 4 + N;
@@ -78,7 +83,8 @@ struct BrownConrady {
       if constexpr (N >= 5) J.col(8) << fx * x * s * s * s * iq, fy * y * s * s * s * iq;
       if constexpr (N >= 8) {
         double power = s;
-        for (int i = 9; i < 12; ++i, power *= s) J.col(i) << -fx * x * c * iq * power, -fy * y * c * iq * power;
+        for (int i = 9; i < 12; ++i, power *= s)
+          J.col(i) << -fx * x * c * iq * power, -fy * y * c * iq * power;
       }
       if constexpr (N >= 12) J.template rightCols<4>() << fx * s, fx * s * s, 0, 0, 0, 0, fy * s, fy * s * s;
     }

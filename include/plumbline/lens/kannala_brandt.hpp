@@ -9,14 +9,16 @@
 
 namespace plumbline {
 
-/// Kannala and Brandt, "A generic camera model and calibration method for conventional, wide-angle, and fish-eye
-/// lenses" (2006), with the four terms that OpenCV's fisheye module, Kalibr ("equidistant") and ROS use:
+/// Kannala and Brandt, "A generic camera model and calibration method for conventional, wide-angle, and
+/// fish-eye lenses" (2006), with the four terms that OpenCV's fisheye module, Kalibr ("equidistant") and ROS
+/// use:
 ///
 ///   theta = angle from the optical axis, atan2(r, Z), r = hypot(X, Y)
 ///   d(theta) = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 ///   px = (fx d X/r + cx, fy d Y/r + cy)
 ///
-/// Domain: theta < pi and d increasing all the way from the axis to theta; points behind the camera project too.
+/// Domain: theta < pi and d increasing all the way from the axis to theta; points behind the camera project
+/// too.
 struct KannalaBrandt4 {
   double fx = 1, fy = 1, cx = 0, cy = 0;  ///< [px]
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
@@ -24,7 +26,8 @@ struct KannalaBrandt4 {
   static constexpr std::string_view kName = "kb4";
   static constexpr std::string_view kSummary = "Kannala-Brandt fisheye (OpenCV fisheye, Kalibr equidistant)";
   static constexpr int kNumParams = 8;
-  static constexpr std::array<std::string_view, 8> kParamNames{"fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"};
+  static constexpr std::array<std::string_view, 8> kParamNames{"fx", "fy", "cx", "cy",
+                                                               "k1", "k2", "k3", "k4"};
   static constexpr bool kIsCentralPerspective = false;
 
   static KannalaBrandt4 seed(ImageSize size, double focal_px) {
@@ -66,7 +69,8 @@ struct KannalaBrandt4 {
   static void project_t(const T* k, const T* p_cam, T* px) {
     using std::atan2;
     using std::sqrt;
-    const T r = sqrt(p_cam[0] * p_cam[0] + p_cam[1] * p_cam[1]), theta = atan2(r, p_cam[2]), t2 = theta * theta;
+    const T r = sqrt(p_cam[0] * p_cam[0] + p_cam[1] * p_cam[1]), theta = atan2(r, p_cam[2]),
+            t2 = theta * theta;
     const T d = theta * (T(1) + k[4] * t2 + k[5] * t2 * t2 + k[6] * t2 * t2 * t2 + k[7] * t2 * t2 * t2 * t2);
     px[0] = k[0] * d * p_cam[0] / r + k[2];
     px[1] = k[1] * d * p_cam[1] / r + k[3];

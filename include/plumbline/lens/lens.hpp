@@ -47,17 +47,20 @@ bool is_central_perspective(const Lens& lens);
 /// A lens without distortion, centre in the middle; kUnsupported (with all names) for a name not in the list.
 Result<Lens> make_lens(std::string_view name, ImageSize size, double focal_px);
 
-/// A lens from its name and its parameters; kInvalidData when their number is wrong, one is not finite, or a focal
-/// length is not positive.
+/// A lens from its name and its parameters; kInvalidData when their number is wrong, one is not finite, or a
+/// focal length is not positive.
 Result<Lens> make_lens(std::string_view name, std::span<const double> parameters);
 
 /// The 3x3 matrix [fx 0 cx; 0 fy cy; 0 0 1] of any lens [px].
 Mat3 camera_matrix_k(const Lens& lens);
 
-/// Pixel of p_cam, with its Jacobians on request (J_px_k is resized to 2 x n_params). nullopt outside the domain.
-std::optional<Vec2> project(const Lens& lens, const Vec3& p_cam, Mat23* J_px_p = nullptr, JacLens* J_px_k = nullptr);
+/// Pixel of p_cam, with its Jacobians on request (J_px_k is resized to 2 x n_params). nullopt outside the
+/// domain.
+std::optional<Vec2> project(const Lens& lens, const Vec3& p_cam, Mat23* J_px_p = nullptr,
+                            JacLens* J_px_k = nullptr);
 
-/// The unit ray in the camera frame that projects to px, within 1e-10 px; nullopt when no ray of the domain does.
+/// The unit ray in the camera frame that projects to px, within 1e-10 px; nullopt when no ray of the domain
+/// does.
 std::optional<Vec3> unproject(const Lens& lens, const Vec2& px);
 
 }  // namespace plumbline

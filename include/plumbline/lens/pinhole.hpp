@@ -22,7 +22,8 @@ struct Pinhole {
     return {focal_px, focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1)};
   }
 
-  std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr, JacParams<Pinhole>* J_px_k = nullptr) const {
+  std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
+                              JacParams<Pinhole>* J_px_k = nullptr) const {
     if (!(p_cam.z() > 0)) return std::nullopt;
     const double iz = 1 / p_cam.z(), x = p_cam.x() * iz, y = p_cam.y() * iz;
     if (!std::isfinite(x) || !std::isfinite(y)) return std::nullopt;

@@ -6,9 +6,10 @@
 namespace plumbline::detail {
 
 /// Whether the polynomial with coefficients c (c[0] + c[1] s + ...) is positive everywhere on [0, s_max].
-/// Decided by its Bernstein coefficients on the interval (a polynomial lies in their convex hull) and halving the
-/// interval where they do not decide; Farouki, "The Bernstein polynomial basis: a centennial retrospective" (2012).
-/// A polynomial that touches zero to within about 1e-9 of its size counts as not positive.
+/// Decided by its Bernstein coefficients on the interval (a polynomial lies in their convex hull) and halving
+/// the interval where they do not decide; Farouki, "The Bernstein polynomial basis: a centennial
+/// retrospective" (2012). A polynomial that touches zero to within about 1e-9 of its size counts as not
+/// positive.
 template <std::size_t N>
 bool positive_on(const std::array<double, N>& c, double s_max) {
   constexpr int degree = static_cast<int>(N) - 1;

@@ -11,7 +11,8 @@ namespace plumbline {
 /// Camera matrix from 3-D/2-D correspondences: normalised DLT (Hartley & Zisserman 2004, alg. 7.1).
 /// Solves  w [px; 1] = P [p_world; 1],  P fixed to ||P(2, 0:2)|| = 1 and positive depth of the points.
 /// \param p_world  n >= 6 points [m], NOT coplanar   \param px  n pixels [px]
-/// \returns P (3x4); kDegenerate when the points lie in a plane to 1e-6 of their extent, or the null space of the
+/// \returns P (3x4); kDegenerate when the points lie in a plane to 1e-6 of their extent, or the null space of
+/// the
 ///          normalised system has more than one dimension (sigma_11 < 1e-9 sigma_1)
 Result<Mat34> camera_matrix(std::span<const Vec3> p_world, std::span<const Vec2> px);
 
@@ -20,15 +21,15 @@ Result<Mat34> camera_matrix_to_rays(std::span<const Vec3> p_world, std::span<con
 
 /// P = K [R | t] = K R [I | -C].
 struct CameraMatrixParts {
-  Mat3 K;        ///< upper triangular, positive diagonal, K(2,2) = 1
-  Mat3 R;        ///< R_cam_world, det +1
-  Vec3 t;        ///< t_cam_world [unit of the world]
-  Vec3 centre;   ///< C, the camera centre in the world: the null vector of P, dehomogenised
+  Mat3 K;       ///< upper triangular, positive diagonal, K(2,2) = 1
+  Mat3 R;       ///< R_cam_world, det +1
+  Vec3 t;       ///< t_cam_world [unit of the world]
+  Vec3 centre;  ///< C, the camera centre in the world: the null vector of P, dehomogenised
   SE3 T_cam_world() const { return {R, t}; }
 };
 
-/// Decomposes P by RQ (Hartley & Zisserman 2004, A4.1.1), any scale and sign of P. kDegenerate when the left 3x3 block
-/// is singular (a camera at infinity).
+/// Decomposes P by RQ (Hartley & Zisserman 2004, A4.1.1), any scale and sign of P. kDegenerate when the left
+/// 3x3 block is singular (a camera at infinity).
 Result<CameraMatrixParts> decompose_camera_matrix(const Mat34& P);
 
 /// M = U Q with U upper triangular with a positive diagonal and Q orthogonal (det Q = sign of det M).
@@ -38,7 +39,8 @@ struct Rq {
 };
 Result<Rq> rq_decompose(const Mat3& M);
 
-/// The camera centre as the null vector of P, homogeneous [C; w], unit length; w = 0 for a camera at infinity.
+/// The camera centre as the null vector of P, homogeneous [C; w], unit length; w = 0 for a camera at
+/// infinity.
 Vec4 camera_centre(const Mat34& P);
 
 }  // namespace plumbline

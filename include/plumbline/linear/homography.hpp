@@ -7,14 +7,13 @@
 
 namespace plumbline {
 
-/// Homography by normalised DLT (Hartley & Zisserman 2004, alg. 4.2):  w [b; 1] = H [a; 1], |H| = 1, w > 0 for the
-/// first point.
-/// \param a, b  n >= 4 points of each plane, any unit
-/// \returns kDegenerate when the null space has more than one dimension (three of four points, or all, on a line)
+/// Homography by normalised DLT (Hartley & Zisserman 2004, alg. 4.2):  w [b; 1] = H [a; 1], |H| = 1, w > 0
+/// for the first point. \param a, b  n >= 4 points of each plane, any unit \returns kDegenerate when the null
+/// space has more than one dimension (three of four points, or all, on a line)
 Result<Mat3> homography(std::span<const Vec2> a, std::span<const Vec2> b);
 
-/// The same onto rays instead of pixels:  ray ~ H [a; 1] with a POSITIVE factor, for lenses that see behind themselves.
-/// \param rays_cam  unit directions in the camera frame, any z
+/// The same onto rays instead of pixels:  ray ~ H [a; 1] with a POSITIVE factor, for lenses that see behind
+/// themselves. \param rays_cam  unit directions in the camera frame, any z
 Result<Mat3> homography_to_rays(std::span<const Vec2> a, std::span<const Vec3> rays_cam);
 
 }  // namespace plumbline

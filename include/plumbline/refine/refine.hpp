@@ -14,23 +14,25 @@ enum class Start { kAuto, kZhang, kDlt };
 
 struct RefineOptions {
   std::vector<std::string> lenses{"opencv5"};  ///< one for all cameras, or one per camera in order
-  Start start = Start::kAuto;   ///< kAuto: DLT where a camera has a view with enough non-coplanar points, Zhang otherwise
+  Start start = Start::kAuto;  ///< kAuto: DLT where a camera has a view with enough non-coplanar points,
+                               ///< Zhang otherwise
   Loss loss = Loss::kSquared;
-  double loss_scale_px = 1.0;   ///< where Huber and Cauchy bend [px]
-  bool mark_outliers = true;    ///< corners beyond outlier_sigma robust standard deviations are left out
+  double loss_scale_px = 1.0;  ///< where Huber and Cauchy bend [px]
+  bool mark_outliers = true;   ///< corners beyond outlier_sigma robust standard deviations are left out
   double outlier_sigma = 5.0;
-  /// Shared parameters held at their start value, by the names of shared_parameter_names() or without the camera
+  /// Shared parameters held at their start value, by the names of shared_parameter_names() or without the
+  /// camera
   /// ("k3" holds it in every camera): "left fx", "cx", "right t_x".
   std::vector<std::string> fixed;
-  bool use_sigma = false;       ///< weight each corner by 1 / sigma_px
+  bool use_sigma = false;  ///< weight each corner by 1 / sigma_px
   int max_iterations = 200;
-  int n_threads = 0;            ///< for the seed only; results do not depend on it
+  int n_threads = 0;  ///< for the seed only; results do not depend on it
 };
 
-/// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics and board
-/// poses, outlier marking, covariance. Failures: kDegenerate when there are too few views, or views that do not
-/// constrain a lens (all fronto-parallel), or cameras that never see the board together (names the pair);
-/// kInvalidData for a bad data set; kNotConverged when no start leads to a finite optimum.
+/// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics
+/// and board poses, outlier marking, covariance. Failures: kDegenerate when there are too few views, or views
+/// that do not constrain a lens (all fronto-parallel), or cameras that never see the board together (names
+/// the pair); kInvalidData for a bad data set; kNotConverged when no start leads to a finite optimum.
 Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options);
 
 /// Refines from a given start (rig and board poses already set; frames without a pose are not used).

@@ -49,16 +49,18 @@ struct Calibration {
   std::vector<std::vector<CornerFit>> fits;     ///< per view, per corner; empty for a view that was not used
   std::vector<std::string> view_reason;         ///< per view: why it was not used; empty when it was
   SolveStats stats;
-  std::optional<MatX> covariance;               ///< of the shared parameters in the order of shared_parameter_names(), unit noise scaled by the residuals
+  std::optional<MatX> covariance;  ///< of the shared parameters in the order of shared_parameter_names(),
+                                   ///< unit noise scaled by the residuals
   Provenance provenance;
 };
 
-/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * p_board). nullopt outside the lens' domain or
-/// when the view's frame has no pose.
+/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * p_board). nullopt outside the lens'
+/// domain or when the view's frame has no pose.
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point);
 
-/// "left fx", ..., "right r_x", "right t_x", ...: lens parameters of each camera, then the six numbers [rotation rad |
-/// translation m] of each T_cam_rig but the first; the order of every vector over the shared parameters.
+/// "left fx", ..., "right r_x", "right t_x", ...: lens parameters of each camera, then the six numbers
+/// [rotation rad | translation m] of each T_cam_rig but the first; the order of every vector over the shared
+/// parameters.
 std::vector<std::string> shared_parameter_names(const Rig& rig);
 
 /// rms_px over the inlier corners of one camera, or of one view; 0 when there are none.

@@ -19,7 +19,8 @@ struct Camera {
 /// What you ship. One camera is a rig of one, a stereo pair a rig of two.
 struct Rig {
   std::vector<Camera> cameras;
-  std::vector<SE3> T_cam_rig;  ///< one per camera: p_cam = T_cam_rig[i] * p_rig; [0] is the identity by convention
+  std::vector<SE3>
+      T_cam_rig;  ///< one per camera: p_cam = T_cam_rig[i] * p_rig; [0] is the identity by convention
 
   /// Index of the camera with that name.
   std::optional<int> find(std::string_view name) const;

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "args.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <CLI/Error.hpp>
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <set>
+
+#include "plumbline/core/text.hpp"
+#include "plumbline/io/calibration_io.hpp"
+#include "plumbline/io/files.hpp"
+#include "plumbline/io/formats.hpp"
+#include "plumbline/io/glob.hpp"
+#include "plumbline/io/target_io.hpp"
+
+namespace plumbline::apps {
+namespace fs = std::filesystem;
+
+void on_run(CLI::App& app, int& exit_code, std::function<Result<int>()> body) {
+  const std::string name = app.get_name();
+  app.callback([name, &exit_code, body = std::move(body)] {
+    auto result = body();
+    if (result) {
+      exit_code = *result;
+      return;
+    }
+    std::string line = result.error().text();
+    std::replace(line.begin(), line.end(), '\n', ' ');
+    fmt::print(stderr, "plumbline {}: {}\n", name, line);
+    exit_code = kFailed;
+  });
+}
+
+void usage_error(const std::string& message) { throw CLI::ValidationError(message); }
+
+Result<std::vector<CamArg>> parse_cams(const std::vector<std::string>& arguments) {
+  std::vector<CamArg> cams;
+  std::set<std::string> names;
+  for (const std::string& argument : arguments) {
+    const std::size_t equals = argument.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
+      usage_error(
+          fmt::format("--cam {}: NAME=GLOB is needed, for example --cam left='img/left*.jpg'", argument));
+    }
+    CamArg cam{argument.substr(0, equals), argument.substr(equals + 1)};
+    const bool plain = std::all_of(cam.name.begin(), cam.name.end(), [](unsigned char c) {
+      return std::isalnum(c) || c == '_' || c == '-' || c == '.';
+    });
+    if (!plain || cam.name.front() == '.') {
+      usage_error(fmt::format("--cam {}: a camera's name is letters, digits, '_', '-' and '.'", argument));
+    }
+    if (!names.insert(cam.name).second)
+      usage_error(fmt::format("--cam {}: two cameras have this name", cam.name));
+    cams.push_back(std::move(cam));
+  }
+  return cams;
+}
+
+Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order) {
+  auto parsed = parse_cams(cams);
+  if (!parsed) return parsed.error();
+  std::vector<CameraImages> all;
+  for (const CamArg& cam : *parsed) {
+    auto matches = glob_files(cam.pattern);
+    if (!matches) return matches.error();
+    CameraImages images{cam.name, {}, {}, {}};
+    std::set<std::string> keys;
+    for (std::size_t i = 0; i < matches->size(); ++i) {
+      const GlobMatch& match = (*matches)[i];
+      std::string key = by_order ? fmt::format("{}", i) : match.key;
+      if (!keys.insert(key).second) {
+        return Error{
+            ErrorCode::kInvalidData,
+            fmt::format("two images of camera {} give the frame '{}'; use --pair-by order or another pattern",
+                        cam.name, key),
+            match.name};
+      }
+      images.files.push_back(match.file);
+      images.names.push_back(match.name);
+      images.frames.push_back(std::move(key));
+    }
+    all.push_back(std::move(images));
+  }
+  return all;
+}
+
+Result<Target> load_target(const fs::path& file) {
+  auto text = read_file(file);
+  if (!text) return text.error();
+  auto target = parse_target(*text);
+  if (target) return target;
+  Error error = target.error();
+  error.where = file.string() + (error.where.empty() ? "" : ": " + error.where);
+  return error;
+}
+
+Result<Calibration> load_calibration(const fs::path& file) {
+  const fs::path path = fs::is_directory(file) ? file / "calibration.yaml" : file;
+  auto text = read_file(path);
+  if (!text) return text.error();
+  auto calibration = parse_calibration(*text);
+  if (calibration) return calibration;
+  Error error = calibration.error();
+  error.where = path.string() + (error.where.empty() ? "" : ": " + error.where);
+  return error;
+}
+
+Result<Rig> load_rig(const std::vector<std::string>& paths, const std::string& format) {
+  std::vector<fs::path> files;
+  for (const std::string& path : paths) {
+    if (!fs::is_directory(path)) {
+      files.emplace_back(path);
+      continue;
+    }
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(path)) {
+      const std::string name = entry.path().filename().string();
+      // corners.yaml and rectification.yaml lie beside calibrations and hold no camera of their own.
+      if (entry.is_regular_file() && name.front() != '.' && name != "corners.yaml" &&
+          name != "rectification.yaml") {
+        names.push_back(name);
+      }
+    }
+    std::sort(names.begin(), names.end(), natural_less);
+    for (const std::string& name : names) files.push_back(fs::path(path) / name);
+    if (names.empty()) return Error{ErrorCode::kIo, "the folder holds no camera file", path};
+  }
+  std::vector<NamedBytes> contents;
+  for (const fs::path& file : files) {
+    auto bytes = read_file(file);
+    if (!bytes) return bytes.error();
+    contents.push_back({file.filename().string(), *std::move(bytes)});
+  }
+  auto rig = read_rig(contents, format);
+  if (rig) return rig;
+  Error error = rig.error();
+  if (error.where.empty() && !paths.empty()) error.where = paths.front();
+  return error;
+}
+
+Status check_output(const fs::path& output, const Common& common) {
+  std::error_code ignored;
+  if (common.force || !fs::exists(fs::symlink_status(output, ignored))) return {};
+  return Error{ErrorCode::kIo, "this exists already; choose another -o, or give --force to replace it",
+               output.string()};
+}
+
+ImageSize parse_size(const std::string& text, const std::string& option) {
+  const auto pieces = split(text, 'x');
+  if (pieces.size() == 2) {
+    const auto width = parse_int(pieces[0]), height = parse_int(pieces[1]);
+    if (width && height && *width > 0 && *height > 0 && *width <= 100000 && *height <= 100000)
+      return {*width, *height};
+  }
+  usage_error(fmt::format("{} {}: WIDTHxHEIGHT in pixels is needed, for example 640x480", option, text));
+}
+
+namespace {
+// While a folder is being filled, an interrupt only sets this; the folder is then removed on the way out.
+volatile std::sig_atomic_t g_interrupted = 0;
+extern "C" void note_interrupt(int) { g_interrupted = 1; }
+
+struct InterruptGuard {
+  InterruptGuard()
+      : old_int(std::signal(SIGINT, note_interrupt)), old_term(std::signal(SIGTERM, note_interrupt)) {}
+  ~InterruptGuard() {
+    std::signal(SIGINT, old_int);
+    std::signal(SIGTERM, old_term);
+  }
+  InterruptGuard(const InterruptGuard&) = delete;
+  InterruptGuard& operator=(const InterruptGuard&) = delete;
+  void (*old_int)(int);
+  void (*old_term)(int);
+};
+}  // namespace
+
+Status write_folder(const fs::path& folder, bool force, const std::function<Status(const fs::path&)>& fill) {
+  const InterruptGuard guard;
+  auto output = OutputDir::create(folder, force);
+  if (!output) return output.error();
+  if (Status filled = fill(output->path()); !filled) return filled;
+  if (g_interrupted) return Error{ErrorCode::kIo, "interrupted; nothing was written", folder.string()};
+  return output->commit();
+}
+
+struct Progress::State {
+  std::string what;
+  bool terminal = false, silent = false;
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+  int last_tenth = -1;
+};
+
+Progress::Progress(std::string what, const Common& common) : state_(std::make_unique<State>()) {
+  state_->what = std::move(what);
+  state_->terminal = isatty(STDERR_FILENO) != 0;
+  state_->silent = common.json && !state_->terminal;
+}
+
+Progress::~Progress() {
+  if (state_->terminal && state_->last_tenth >= 0) fmt::print(stderr, "\r\033[K");
+}
+
+void Progress::operator()(int done, int all) {
+  if (state_->silent || all <= 0) return;
+  const double elapsed_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - state_->start).count();
+  const double left_s = done > 0 ? elapsed_s / done * (all - done) : 0;
+  const int tenth = 10 * done / all;
+  if (state_->terminal) {
+    fmt::print(stderr, "\r\033[K{}: {} of {} ({:.0f} s left)", state_->what, done, all, left_s);
+    std::fflush(stderr);
+  } else if (tenth / 5 != state_->last_tenth / 5 || state_->last_tenth < 0) {
+    fmt::print(stderr, "{}: {} of {}\n", state_->what, done, all);
+  }
+  state_->last_tenth = tenth;
+}
+
+Status print_result(const Common& common, const Json& json, const std::string& text) {
+  const std::string bytes = common.json ? json.dump(2) + "\n" : text;
+  const bool written =
+      std::fwrite(bytes.data(), 1, bytes.size(), stdout) == bytes.size() && std::fflush(stdout) == 0;
+  if (!written) return Error{ErrorCode::kIo, "standard output cannot be written (is the disc full?)", ""};
+  return {};
+}
+
+Json json_of(const SE3& T) {
+  const Mat4 M = T.matrix();
+  Json numbers = Json::array();
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) numbers.push_back(M(r, c));
+  return numbers;
+}
+
+}  // namespace plumbline::apps

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "commands.hpp"
+#include "plumbline/core/result.hpp"
+#include "plumbline/detect/detect.hpp"
+#include "plumbline/rig/calibration.hpp"
+
+/// What the subcommands share: reading their inputs, printing results, errors and progress.
+namespace plumbline::apps {
+
+using Json = nlohmann::ordered_json;
+
+/// Runs `body` when the subcommand is chosen and keeps its exit code; an Error is printed as one line on
+/// stderr.
+void on_run(CLI::App& app, int& exit_code, std::function<Result<int>()> body);
+
+/// Wrong usage that CLI11 cannot see: exit code 2 with this text.
+[[noreturn]] void usage_error(const std::string& message);
+
+/// A --cam argument NAME=GLOB. Names are letters, digits, '_', '-' and '.', because they become file names.
+struct CamArg {
+  std::string name, pattern;
+};
+Result<std::vector<CamArg>> parse_cams(const std::vector<std::string>& arguments);
+
+/// The images of --cam arguments with their frame keys; `by_order` matches frames of several cameras by
+/// position.
+Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order);
+
+/// A target file (ours or Kalibr's).
+Result<Target> load_target(const std::filesystem::path& file);
+
+/// A calibration.yaml with everything in it.
+Result<Calibration> load_calibration(const std::filesystem::path& file);
+
+/// The rig in any readable camera files: one file, several, or a folder of them.
+Result<Rig> load_rig(const std::vector<std::string>& paths, const std::string& format = "");
+
+/// Fails early, before hours of work, when -o exists and --force is not given.
+Status check_output(const std::filesystem::path& output, const Common& common);
+
+/// "640x480" -> size; usage error otherwise.
+ImageSize parse_size(const std::string& text, const std::string& option);
+
+/// Writes files into a folder that appears whole or not at all.
+Status write_folder(const std::filesystem::path& folder, bool force,
+                    const std::function<Status(const std::filesystem::path&)>& fill);
+
+/// Progress on stderr: one line that is rewritten on a terminal, a few plain lines otherwise; nothing with
+/// --json off a terminal.
+class Progress {
+ public:
+  Progress(std::string what, const Common& common);
+  ~Progress();
+  void operator()(int done, int all);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// Prints `json` on stdout if --json, else `text`; kIo when stdout cannot be written (a full disc).
+Status print_result(const Common& common, const Json& json, const std::string& text);
+
+/// T as 16 numbers, row by row.
+Json json_of(const SE3& T);
+
+}  // namespace plumbline::apps

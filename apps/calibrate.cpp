@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+
+#include "args.hpp"
+#include "calibrate_inputs.hpp"
+#include "calibrate_report.hpp"
+#include "plumbline/io/calibration_io.hpp"
+#include "plumbline/io/dataset_io.hpp"
+#include "plumbline/io/files.hpp"
+#include "plumbline/refine/refine.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+struct Options {
+  CalibrateInputs inputs;
+  std::string output;
+  std::string lens = "opencv5", start = "auto", loss = "squared", outliers = "auto";
+  double loss_scale_px = 1.0, outlier_sigma = 5.0, max_rms_px = 0;
+  std::vector<std::string> fixed;
+  bool use_sigma = false;
+};
+
+RefineOptions refine_options(const Options& o, const Common& common, std::vector<std::string> lenses) {
+  RefineOptions options;
+  options.lenses = std::move(lenses);
+  options.start = o.start == "zhang" ? Start::kZhang : o.start == "dlt" ? Start::kDlt : Start::kAuto;
+  options.loss = o.loss == "huber" ? Loss::kHuber : o.loss == "cauchy" ? Loss::kCauchy : Loss::kSquared;
+  options.loss_scale_px = o.loss_scale_px;
+  options.mark_outliers = o.outliers != "off";
+  options.outlier_sigma = o.outlier_sigma;
+  options.fixed = o.fixed;
+  options.use_sigma = o.use_sigma;
+  options.n_threads = common.n_threads;
+  return options;
+}
+
+Result<int> run(const Options& o, const Common& common) {
+  using Clock = std::chrono::steady_clock;
+  const auto seconds_since = [](Clock::time_point t) {
+    return std::chrono::duration<double>(Clock::now() - t).count();
+  };
+  if (Status s = check_output(o.output, common); !s) return s.error();
+  const auto start = Clock::now();
+  auto data = load_observations(o.inputs, common);
+  if (!data) return data.error();
+  const double detect_s = seconds_since(start);
+  auto lenses = parse_lenses(o.lens, data->cameras);
+  if (!lenses) return lenses.error();
+
+  const auto solve_start = Clock::now();
+  auto calibration = calibrate(*data, refine_options(o, common, *lenses));
+  if (!calibration) return calibration.error();
+  const double solve_s = seconds_since(solve_start);
+  calibration->provenance.version = PLUMBLINE_VERSION;
+
+  const Status written =
+      write_folder(o.output, common.force, [&](const std::filesystem::path& folder) -> Status {
+        if (Status s = write_file(folder / "calibration.yaml", format_calibration(*calibration), true); !s)
+          return s;
+        return write_file(folder / "corners.yaml", format_corners(calibration->data), true);
+      });
+  if (!written) return written.error();
+
+  Json json = json_of_calibration(*calibration);
+  json["seconds"] = {{"detect", detect_s}, {"solve", solve_s}, {"all", seconds_since(start)}};
+  std::string text = text_of_calibration(*calibration);
+  text += fmt::format("written: {0}/calibration.yaml, {0}/corners.yaml\n", o.output);
+  const bool missed = o.max_rms_px > 0 && !(calibration->stats.rms_px <= o.max_rms_px);
+  if (missed)
+    text += fmt::format("quality gate missed: rms {:.4f} px is above --max-rms {} px\n",
+                        calibration->stats.rms_px, o.max_rms_px);
+  if (Status s = print_result(common, json, text); !s) return s.error();
+  return missed ? kGateMissed : kDone;
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
+  auto o = std::make_shared<Options>();
+  add_input_options(app, o->inputs);
+  app.add_option("--lens", o->lens, "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5)");
+  app.add_option("--start", o->start,
+                 "first estimate: zhang (flat boards), dlt (points that are not coplanar), auto")
+      ->check(CLI::IsMember({"auto", "zhang", "dlt"}));
+  app.add_option("--loss", o->loss, "squared, huber or cauchy")
+      ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
+  app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--outliers", o->outliers, "auto: corners far off are left out; off: all corners are used")
+      ->check(CLI::IsMember({"auto", "off"}));
+  app.add_option("--outlier-sigma", o->outlier_sigma, "how far off, in robust standard deviations")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--fix", o->fixed,
+                 "hold parameters: k3 (every camera) or 'left fx'; several separated by commas")
+      ->delimiter(',');
+  app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
+  app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")
+      ->check(CLI::PositiveNumber);
+  app.add_option("-o,--output", o->output, "folder for calibration.yaml and corners.yaml")->required();
+  on_run(app, exit_code, [o, &common] { return run(*o, common); });
+}
+
+}  // namespace plumbline::apps

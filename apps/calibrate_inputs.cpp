@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "calibrate_inputs.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "plumbline/core/text.hpp"
+#include "plumbline/io/dataset_io.hpp"
+#include "plumbline/io/files.hpp"
+#include "plumbline/io/glob.hpp"
+#include "plumbline/lens/lens.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+// Adds one view of a corners.vnl to the data set, making its frame when the key is new.
+void add_view(Dataset& data, std::map<std::string, int>& frame_of, int cam, const std::string& key,
+              const VnlImage& image) {
+  const auto [it, is_new] = frame_of.insert({key, static_cast<int>(data.frames.size())});
+  if (is_new) data.frames.push_back(key);
+  View view{cam, it->second, image.filename, image.corners, ""};
+  if (image.corners.empty()) view.reason = "no corners in the corners file";
+  data.views.push_back(std::move(view));
+}
+
+Result<Dataset> load_vnl(const CalibrateInputs& in) {
+  if (in.target.empty()) usage_error("--corners with a .vnl file needs --target");
+  if (in.image_size.empty()) usage_error("--corners with a .vnl file needs --image-size WIDTHxHEIGHT");
+  Dataset data;
+  auto target = load_target(in.target);
+  if (!target) return target.error();
+  data.target = *std::move(target);
+  data.detector = "corners read from a .vnl file";
+  auto text = read_file(in.corners);
+  if (!text) return text.error();
+  auto images = parse_vnl(*text);
+  if (!images) {
+    Error error = images.error();
+    error.where = in.corners + (error.where.empty() ? "" : ": " + error.where);
+    return error;
+  }
+  std::sort(images->begin(), images->end(),
+            [](const VnlImage& a, const VnlImage& b) { return natural_less(a.filename, b.filename); });
+  auto cams = parse_cams(in.cams.empty() ? std::vector<std::string>{"camera=*"} : in.cams);
+  if (!cams) return cams.error();
+  std::map<std::string, int> frame_of;
+  for (std::size_t cam = 0; cam < cams->size(); ++cam) {
+    data.cameras.push_back({(*cams)[cam].name, parse_size(in.image_size, "--image-size")});
+    int n_matched = 0;
+    for (const VnlImage& image : *images) {
+      auto key = glob_key((*cams)[cam].pattern, image.filename);
+      if (!key) continue;
+      if (in.pair_by == "order") key = fmt::format("{}", n_matched);
+      add_view(data, frame_of, static_cast<int>(cam), *key, image);
+      ++n_matched;
+    }
+    if (n_matched == 0) {
+      return Error{ErrorCode::kInvalidData,
+                   fmt::format("no name in the file matches --cam {}={}; it holds {} images{}",
+                               (*cams)[cam].name, (*cams)[cam].pattern, images->size(),
+                               images->empty() ? "" : ", for example " + images->front().filename),
+                   in.corners};
+    }
+  }
+  if (Status s = validate(data); !s) return s.error();
+  return data;
+}
+
+Result<Dataset> load_corners(const CalibrateInputs& in) {
+  auto text = read_file(in.corners);
+  if (!text) return text.error();
+  const bool is_vnl =
+      std::filesystem::path(in.corners).extension() == ".vnl" || trim(*text).substr(0, 1) == "#";
+  if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);
+  if (!in.cams.empty())
+    usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
+  auto data = parse_corners(*text);
+  if (data) return data;
+  Error error = data.error();
+  error.where = in.corners + (error.where.empty() ? "" : ": " + error.where);
+  return error;
+}
+
+}  // namespace
+
+void add_input_options(CLI::App& app, CalibrateInputs& in) {
+  app.add_option("--target", in.target, "target file, ours or Kalibr's");
+  app.add_option("--cam", in.cams, "NAME=GLOB, once per camera; quote the pattern")
+      ->expected(1)
+      ->allow_extra_args(false);
+  app.add_option("--pair-by", in.pair_by,
+                 "match frames of several cameras by name (what the wildcards matched) or order")
+      ->check(CLI::IsMember({"name", "order"}));
+  app.add_option("--corners", in.corners, "corners.yaml of ours, or mrcal's corners.vnl, instead of images");
+  app.add_option("--image-size", in.image_size, "WIDTHxHEIGHT, with a .vnl file");
+}
+
+Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
+  if (!in.corners.empty()) return load_corners(in);
+  if (in.target.empty() || in.cams.empty()) usage_error("either --target and --cam, or --corners is needed");
+  auto target = load_target(in.target);
+  if (!target) return target.error();
+  auto images = find_images(in.cams, in.pair_by == "order");
+  if (!images) return images.error();
+  Progress progress("detecting", common);
+  DetectOptions options;
+  options.n_threads = common.n_threads;
+  options.progress = [&](int done, int all) { progress(done, all); };
+  return detect_dataset(*images, *target, options);
+}
+
+Result<std::vector<std::string>> parse_lenses(const std::string& argument,
+                                              const std::vector<CameraInfo>& cameras) {
+  std::map<std::string, std::string> by_camera;
+  std::string for_all;
+  for (const std::string& piece : split(argument, ',')) {
+    const std::size_t equals = piece.find('=');
+    if (equals == std::string::npos)
+      for_all = piece;
+    else
+      by_camera[piece.substr(0, equals)] = piece.substr(equals + 1);
+  }
+  std::vector<std::string> lenses;
+  for (const CameraInfo& camera : cameras) {
+    const auto it = by_camera.find(camera.name);
+    const std::string lens = it != by_camera.end() ? it->second : for_all;
+    if (it != by_camera.end()) by_camera.erase(it);
+    if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
+    const auto known = lens_names();
+    if (std::find(known.begin(), known.end(), lens) == known.end()) {
+      const auto made = make_lens(lens, ImageSize{}, 1.0);
+      usage_error("--lens: " + made.error().message);
+    }
+    lenses.push_back(lens);
+  }
+  if (!by_camera.empty())
+    usage_error(fmt::format("--lens {}: there is no camera {}", argument, by_camera.begin()->first));
+  return lenses;
+}
+
+}  // namespace plumbline::apps

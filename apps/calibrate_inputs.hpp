@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <vector>
+
+#include "args.hpp"
+
+namespace plumbline::apps {
+
+/// Where `calibrate` takes its corners from: images and a target, our corners.yaml, or mrcal's corners.vnl
+/// and a target.
+struct CalibrateInputs {
+  std::string target, corners, image_size, pair_by = "name";
+  std::vector<std::string> cams;
+};
+
+void add_input_options(CLI::App& app, CalibrateInputs& inputs);
+Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common);
+
+/// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera.
+Result<std::vector<std::string>> parse_lenses(const std::string& argument,
+                                              const std::vector<CameraInfo>& cameras);
+
+}  // namespace plumbline::apps

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "calibrate_report.hpp"
+
+#include <fmt/format.h>
+
+#include "plumbline/geometry/so3.hpp"
+#include "plumbline/lens/lens.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+int views_used(const Calibration& c, int cam) {
+  int n = 0;
+  for (std::size_t v = 0; v < c.data.views.size(); ++v)
+    n += c.data.views[v].cam == cam && c.view_reason[v].empty();
+  return n;
+}
+
+int images_of(const Calibration& c, int cam) {
+  int n = 0;
+  for (const View& view : c.data.views) n += view.cam == cam;
+  return n;
+}
+
+Json json_of_cameras(const Calibration& c) {
+  Json cameras = Json::array();
+  for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
+    const Camera& camera = c.rig.cameras[i];
+    Json parameters;
+    for (std::size_t k = 0; k < params(camera.lens).size(); ++k) {
+      parameters[std::string(param_names(camera.lens)[k])] = params(camera.lens)[k];
+    }
+    const int cam = static_cast<int>(i);
+    cameras.push_back({{"name", camera.name},
+                       {"lens", lens_name(camera.lens)},
+                       {"width", camera.size.width},
+                       {"height", camera.size.height},
+                       {"params", parameters},
+                       {"rms_px", camera_rms_px(c, cam)},
+                       {"views_used", views_used(c, cam)},
+                       {"images", images_of(c, cam)}});
+  }
+  return cameras;
+}
+
+Json json_of_views(const Calibration& c) {
+  Json views = Json::array();
+  for (std::size_t v = 0; v < c.data.views.size(); ++v) {
+    const View& view = c.data.views[v];
+    const bool used = c.view_reason[v].empty();
+    Json item{{"camera", c.data.cameras[view.cam].name},
+              {"image", view.image},
+              {"frame", c.data.frames[view.frame]},
+              {"used", used},
+              {"corners", view.corners.size()}};
+    item["rms_px"] = used ? Json(view_rms_px(c, static_cast<int>(v))) : Json(nullptr);
+    item["reason"] = used ? Json(nullptr) : Json(c.view_reason[v]);
+    views.push_back(item);
+  }
+  return views;
+}
+
+std::string matrix_text(const char* name, const MatX& M) {
+  std::string text;
+  for (int r = 0; r < M.rows(); ++r) {
+    text += r == 0 ? fmt::format("  {:>2} = ", name) : std::string(7, ' ');
+    for (int c = 0; c < M.cols(); ++c) text += fmt::format("{:>16.8g}", M(r, c));
+    text += "\n";
+  }
+  return text;
+}
+
+// The camera matrix of a view, where the target was a body in space and the view alone determines it.
+bool shows_camera_matrix(const Calibration& c) {
+  const auto it = c.provenance.options.find("start");
+  return it != c.provenance.options.end() && it->second == "dlt";
+}
+
+Json json_of_camera_matrices(const Calibration& c) {
+  Json list = Json::array();
+  const auto rows = [](const MatX& M) {
+    Json matrix = Json::array();
+    for (int r = 0; r < M.rows(); ++r) {
+      Json row = Json::array();
+      for (int k = 0; k < M.cols(); ++k) row.push_back(M(r, k));
+      matrix.push_back(row);
+    }
+    return matrix;
+  };
+  for (std::size_t v = 0; v < c.data.views.size(); ++v) {
+    const View& view = c.data.views[v];
+    if (!c.view_reason[v].empty() || !c.T_rig_board[view.frame]) continue;
+    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *c.T_rig_board[view.frame];
+    const Mat3 K = camera_matrix_k(c.rig.cameras[view.cam].lens);
+    list.push_back({{"camera", c.data.cameras[view.cam].name},
+                    {"image", view.image},
+                    {"P", rows(K * T_cam_board.matrix34())},
+                    {"K", rows(K)},
+                    {"R", rows(T_cam_board.R())},
+                    {"t", rows(T_cam_board.t().transpose())[0]},
+                    {"C", rows(T_cam_board.centre().transpose())[0]}});
+  }
+  return list;
+}
+
+std::string text_of_camera_matrices(const Calibration& c) {
+  std::string text;
+  for (std::size_t v = 0; v < c.data.views.size(); ++v) {
+    const View& view = c.data.views[v];
+    if (!c.view_reason[v].empty() || !c.T_rig_board[view.frame]) continue;
+    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *c.T_rig_board[view.frame];
+    const Mat3 K = camera_matrix_k(c.rig.cameras[view.cam].lens);
+    text += fmt::format(
+        "{}, camera {}: P = K [R | t], refined, before distortion; t and the centre C in metres\n",
+        view.image, c.data.cameras[view.cam].name);
+    text += matrix_text("P", K * T_cam_board.matrix34()) + matrix_text("K", K) +
+            matrix_text("R", T_cam_board.R()) + matrix_text("t", T_cam_board.t().transpose()) +
+            matrix_text("C", T_cam_board.centre().transpose());
+  }
+  return text;
+}
+
+}  // namespace
+
+Json json_of_calibration(const Calibration& c) {
+  Json json{{"rms_px", c.stats.rms_px},           {"rms_xy_px", c.stats.rms_xy_px},
+            {"corners", c.stats.n_corners},       {"outliers", c.stats.n_outliers},
+            {"converged", c.stats.converged},     {"iterations", c.stats.iterations},
+            {"termination", c.stats.termination}, {"cameras", json_of_cameras(c)}};
+  json["T_cam_rig"] = Json::array();
+  for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
+    json["T_cam_rig"].push_back({{"camera", c.rig.cameras[i].name}, {"T", json_of(c.rig.T_cam_rig[i])}});
+  }
+  json["views"] = json_of_views(c);
+  json["weak"] = Json::array();
+  for (const WeakDirection& w : c.stats.weak) {
+    json["weak"].push_back(
+        {{"parameters", w.parameters}, {"sigma", w.sigma}, {"consequence", w.consequence}});
+  }
+  if (shows_camera_matrix(c)) json["camera_matrices"] = json_of_camera_matrices(c);
+  json["detector"] = c.data.detector;
+  return json;
+}
+
+std::string text_of_calibration(const Calibration& c) {
+  std::string text;
+  int k = 0;  // index into the covariance
+  for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
+    const Camera& camera = c.rig.cameras[i];
+    const int cam = static_cast<int>(i);
+    text += fmt::format("{}: {} {}x{}, {} of {} images used, rms {:.4f} px\n", camera.name,
+                        lens_name(camera.lens), camera.size.width, camera.size.height, views_used(c, cam),
+                        images_of(c, cam), camera_rms_px(c, cam));
+    for (std::size_t p = 0; p < params(camera.lens).size(); ++p, ++k) {
+      text += fmt::format("  {:<3} {:>14.8g}", param_names(camera.lens)[p], params(camera.lens)[p]);
+      if (c.covariance && (*c.covariance)(k, k) >= 0)
+        text += fmt::format("  +- {:.2g}", std::sqrt((*c.covariance)(k, k)));
+      text += "\n";
+    }
+  }
+  for (std::size_t i = 1; i < c.rig.cameras.size(); ++i) {
+    const SE3& T = c.rig.T_cam_rig[i];
+    const Vec3 w_deg = so3_log(T.R()) * (180 / 3.14159265358979323846);
+    text += fmt::format(
+        "{} from {}: rotation vector ({:.4f}, {:.4f}, {:.4f}) deg, translation ({:.6f}, {:.6f}, {:.6f}) m, "
+        "distance {:.6f} m\n",
+        c.rig.cameras[i].name, c.rig.cameras[0].name, w_deg.x(), w_deg.y(), w_deg.z(), T.t().x(), T.t().y(),
+        T.t().z(), T.t().norm());
+  }
+  if (shows_camera_matrix(c)) text += text_of_camera_matrices(c);
+  for (std::size_t v = 0; v < c.data.views.size(); ++v) {
+    if (!c.view_reason[v].empty())
+      text += fmt::format("not used: {}: {}\n", c.data.views[v].image, c.view_reason[v]);
+  }
+  if (!c.data.detector.empty()) text += c.data.detector + "\n";
+  text += fmt::format(
+      "rms {:.6f} px over {} corners ({:.6f} px per coordinate), {} outliers; {} iterations: {}\n",
+      c.stats.rms_px, c.stats.n_corners, c.stats.rms_xy_px, c.stats.n_outliers, c.stats.iterations,
+      c.stats.termination);
+  for (const WeakDirection& w : c.stats.weak)
+    text += fmt::format("WEAK: {}: {}\n", w.parameters, w.consequence);
+  return text;
+}
+
+}  // namespace plumbline::apps

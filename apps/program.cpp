@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "program.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <exception>
+#include <new>
+
+#include "commands.hpp"
+
+namespace plumbline::apps {
+
+int run_program(int argc, char** argv) {
+  CLI::App app("Camera calibration and rectification: from photographs of a board to camera files.",
+               "plumbline");
+  app.set_version_flag("--version", PLUMBLINE_VERSION);
+  app.require_subcommand(1);
+  app.fallthrough();
+  app.footer(
+      "Every command has its own --help. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 a quality gate was "
+      "missed.");
+  Common common;
+  app.add_flag("--json", common.json, "print one JSON object on stdout and nothing else");
+  app.add_option("--threads", common.n_threads, "threads; results do not depend on it (default: all)")
+      ->check(CLI::Range(0, 4096));
+  app.add_option("--seed", common.seed, "seed of everything random (default: 0)")
+      ->check(CLI::NonNegativeNumber);
+  app.add_flag("--force", common.force, "replace an earlier result");
+  int exit_code = kDone;
+  for (const Command& command : commands()) {
+    CLI::App* sub = app.add_subcommand(std::string(command.name), std::string(command.summary));
+    sub->fallthrough();
+    command.add(*sub, common, exit_code);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    fmt::print(stderr, "plumbline: {}\nRun with --help for more.\n", error.what());
+    return kUsage;
+  } catch (const std::bad_alloc&) {
+    fmt::print(stderr, "plumbline: out of memory; use fewer or smaller images\n");
+    return kFailed;
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "plumbline: internal error: {}; please report it with the command\n", error.what());
+    return kFailed;
+  }
+  return exit_code;
+}
+
+}  // namespace plumbline::apps

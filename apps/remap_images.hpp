@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <filesystem>
+
+#include "args.hpp"
+#include "plumbline/rectify/remap.hpp"
+
+namespace plumbline::apps {
+
+/// The camera of that name; a rig of one answers to any name, because many camera files hold none.
+Result<int> find_camera(const Rig& rig, const std::string& name, const std::string& file);
+
+/// Reads every image, remaps it and writes FOLDER/CAMERA/STEM.png. kInvalidData when an image has another
+/// size than the camera, or when two images have one stem.
+Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps& maps,
+                    const std::filesystem::path& folder, bool lines, const Common& common,
+                    Progress& progress);
+
+}  // namespace plumbline::apps
