@@ -31,7 +31,7 @@ function(plumbline_module name)
   set_property(GLOBAL PROPERTY PLUMBLINE_DEPS_${name} ${ARG_DEPS})
 endfunction()
 
-# The tests of a module: one executable of all tests/<name>/*_test.cpp.
+# The tests of a module: one executable of all tests/<name>/*_test.cpp, and one CTest entry for each of its suites.
 function(plumbline_tests name)
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${name}/*_test.cpp)
   if(NOT sources)
@@ -42,5 +42,11 @@ function(plumbline_tests name)
   if(PLUMBLINE_PCH)
     target_precompile_headers(${name}_test REUSE_FROM plumbline_test_support)
   endif()
-  gtest_discover_tests(${name}_test TEST_PREFIX "${name}/" DISCOVERY_TIMEOUT 60 PROPERTIES LABELS ${name} TIMEOUT 300)
+  set(entries ${CMAKE_CURRENT_BINARY_DIR}/${name}_suites.cmake)
+  add_custom_command(TARGET ${name}_test POST_BUILD BYPRODUCTS ${entries} VERBATIM
+    COMMAND ${CMAKE_COMMAND} -D NAME=${name} -D EXECUTABLE=$<TARGET_FILE:${name}_test> -D OUTPUT=${entries}
+      -D SECONDS=300 -P ${PROJECT_SOURCE_DIR}/cmake/discover_suites.cmake)
+  file(WRITE ${entries}.include.cmake "if(EXISTS [=[${entries}]=])\n  include([=[${entries}]=])\nelse()\n"
+    "  add_test(${name}_NOT_BUILT ${name}_NOT_BUILT)\nendif()\n")
+  set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES ${entries}.include.cmake)
 endfunction()
