@@ -1,8 +1,9 @@
-# plumbline_module(name [DEPS modules...] [LINK targets...])
+# plumbline_module(name [DEPS modules...] [EXPOSE targets...] [LINK targets...])
 # A stage of the house: include/plumbline/<name>, src/<name>, tests/<name>. DEPS are the modules that its headers and
-# sources may include (tests/architecture checks it); LINK are third-party targets, needed by its .cpp files only.
+# sources may include (tests/architecture checks it); LINK are third-party targets, needed by its .cpp files only;
+# EXPOSE are those that its public headers include.
 function(plumbline_module name)
-  cmake_parse_arguments(ARG "" "" "DEPS;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "DEPS;EXPOSE;LINK" ${ARGN})
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${name}/*.cpp)
   file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/include/plumbline/${name}/*.hpp)
   set(library plumbline_${name})
@@ -16,7 +17,7 @@ function(plumbline_module name)
   foreach(dep ${ARG_DEPS})
     target_link_libraries(${library} PUBLIC plumbline_${dep})
   endforeach()
-  target_link_libraries(${library} PUBLIC Eigen3::Eigen PRIVATE fmt::fmt ${ARG_LINK} plumbline_warnings)
+  target_link_libraries(${library} PUBLIC Eigen3::Eigen ${ARG_EXPOSE} PRIVATE fmt::fmt ${ARG_LINK} plumbline_warnings)
   if(PLUMBLINE_PCH)
     if(name STREQUAL core)
       target_precompile_headers(${library} PRIVATE <Eigen/Dense> <algorithm> <cmath> <functional> <map> <memory>
