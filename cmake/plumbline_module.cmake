@@ -1,8 +1,9 @@
-# plumbline_module(name [DEPS modules...] [LINK targets...])
+# plumbline_module(name [DEPS modules...] [EXPOSE targets...] [LINK targets...])
 # A stage of the house: include/plumbline/<name>, src/<name>, tests/<name>. DEPS are the modules that its headers and
-# sources may include (tests/architecture checks it); LINK are third-party targets, needed by its .cpp files only.
+# sources may include (tests/architecture checks it); LINK are third-party targets, needed by its .cpp files only;
+# EXPOSE are those that its public headers include.
 function(plumbline_module name)
-  cmake_parse_arguments(ARG "" "" "DEPS;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "" "DEPS;EXPOSE;LINK" ${ARGN})
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${name}/*.cpp)
   file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/include/plumbline/${name}/*.hpp)
   set(library plumbline_${name})
@@ -16,7 +17,7 @@ function(plumbline_module name)
   foreach(dep ${ARG_DEPS})
     target_link_libraries(${library} PUBLIC plumbline_${dep})
   endforeach()
-  target_link_libraries(${library} PUBLIC Eigen3::Eigen PRIVATE fmt::fmt ${ARG_LINK} plumbline_warnings)
+  target_link_libraries(${library} PUBLIC Eigen3::Eigen ${ARG_EXPOSE} PRIVATE fmt::fmt ${ARG_LINK} plumbline_warnings)
   if(PLUMBLINE_PCH)
     if(name STREQUAL core)
       target_precompile_headers(${library} PRIVATE <Eigen/Dense> <algorithm> <cmath> <functional> <map> <memory>
@@ -31,7 +32,7 @@ function(plumbline_module name)
   set_property(GLOBAL PROPERTY PLUMBLINE_DEPS_${name} ${ARG_DEPS})
 endfunction()
 
-# The tests of a module: one executable of all tests/<name>/*_test.cpp.
+# The tests of a module: one executable of all tests/<name>/*_test.cpp, and one CTest entry for each of its suites.
 function(plumbline_tests name)
   file(GLOB sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/tests/${name}/*_test.cpp)
   if(NOT sources)
@@ -42,5 +43,11 @@ function(plumbline_tests name)
   if(PLUMBLINE_PCH)
     target_precompile_headers(${name}_test REUSE_FROM plumbline_test_support)
   endif()
-  gtest_discover_tests(${name}_test TEST_PREFIX "${name}/" DISCOVERY_TIMEOUT 60 PROPERTIES LABELS ${name} TIMEOUT 300)
+  set(entries ${CMAKE_CURRENT_BINARY_DIR}/${name}_suites.cmake)
+  add_custom_command(TARGET ${name}_test POST_BUILD BYPRODUCTS ${entries} VERBATIM
+    COMMAND ${CMAKE_COMMAND} -D NAME=${name} -D EXECUTABLE=$<TARGET_FILE:${name}_test> -D OUTPUT=${entries}
+      -D SECONDS=300 -P ${PROJECT_SOURCE_DIR}/cmake/discover_suites.cmake)
+  file(WRITE ${entries}.include.cmake "if(EXISTS [=[${entries}]=])\n  include([=[${entries}]=])\nelse()\n"
+    "  add_test(${name}_NOT_BUILT ${name}_NOT_BUILT)\nendif()\n")
+  set_property(DIRECTORY APPEND PROPERTY TEST_INCLUDE_FILES ${entries}.include.cmake)
 endfunction()
