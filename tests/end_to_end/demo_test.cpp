@@ -234,7 +234,7 @@ TEST_F(Demo, NoFileHoldsAPathOrADate) {
   for (const char* name : {"calibration.yaml", "corners.yaml"}) {
     const std::string text = test::read_text(*dir / "pair" / name);
     EXPECT_EQ(text.find(test::demo_images()->string()), std::string::npos);
-    EXPECT_EQ(text.find("20260"), std::string::npos);
+    EXPECT_THAT(text, ::testing::Not(::testing::ContainsRegex("20[0-9][0-9]-[0-9][0-9]-[0-9][0-9]")));
   }
 }
 
