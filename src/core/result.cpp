@@ -7,12 +7,18 @@ namespace plumbline {
 
 const char* to_string(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kIo: return "kIo";
-    case ErrorCode::kParse: return "kParse";
-    case ErrorCode::kUnsupported: return "kUnsupported";
-    case ErrorCode::kDegenerate: return "kDegenerate";
-    case ErrorCode::kNotConverged: return "kNotConverged";
-    case ErrorCode::kInvalidData: return "kInvalidData";
+    case ErrorCode::kIo:
+      return "kIo";
+    case ErrorCode::kParse:
+      return "kParse";
+    case ErrorCode::kUnsupported:
+      return "kUnsupported";
+    case ErrorCode::kDegenerate:
+      return "kDegenerate";
+    case ErrorCode::kNotConverged:
+      return "kNotConverged";
+    case ErrorCode::kInvalidData:
+      return "kInvalidData";
   }
   return "kUnknown";
 }

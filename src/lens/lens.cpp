@@ -14,15 +14,15 @@ namespace {
 // Calls body with a default value of each lens type, in the order of the list.
 template <class Body>
 void for_each_lens_type(Body&& body) {
-  [&]<std::size_t... I>(std::index_sequence<I...>) {
-    (body(std::variant_alternative_t<I, Lens>{}), ...);
-  }(std::make_index_sequence<std::variant_size_v<Lens>>{});
+  [&]<std::size_t... I>(std::index_sequence<I...>) { (body(std::variant_alternative_t<I, Lens>{}), ...); }
+  (std::make_index_sequence<std::variant_size_v<Lens>>{});
 }
 
 Error unknown_lens(std::string_view name) {
   std::vector<std::string> names;
   for (std::string_view n : lens_names()) names.emplace_back(n);
-  return {ErrorCode::kUnsupported, fmt::format("no lens is called '{}'; there are: {}", name, join(names, ", ")), "lens"};
+  return {ErrorCode::kUnsupported,
+          fmt::format("no lens is called '{}'; there are: {}", name, join(names, ", ")), "lens"};
 }
 
 }  // namespace
@@ -50,7 +50,8 @@ std::span<const std::string_view> param_names(const Lens& lens) {
 }
 
 std::span<const double> params(const Lens& lens) {
-  return std::visit([](const auto& l) { return std::span(&l.fx, static_cast<std::size_t>(l.kNumParams)); }, lens);
+  return std::visit([](const auto& l) { return std::span(&l.fx, static_cast<std::size_t>(l.kNumParams)); },
+                    lens);
 }
 
 std::span<double> params(Lens& lens) {
@@ -62,6 +63,11 @@ bool is_central_perspective(const Lens& lens) {
 }
 
 Result<Lens> make_lens(std::string_view name, ImageSize size, double focal_px) {
+  if (!(focal_px > 0) || !std::isfinite(focal_px)) {
+    return Error{ErrorCode::kInvalidData,
+                 fmt::format("focal length {}: a focal length is a positive number of pixels", focal_px),
+                 "lens"};
+  }
   std::optional<Lens> found;
   for_each_lens_type([&]<class L>(L) {
     if (L::kName == name) found = L::seed(size, focal_px);
@@ -75,16 +81,19 @@ Result<Lens> make_lens(std::string_view name, std::span<const double> parameters
   if (!lens) return lens;
   const std::span<double> target = params(*lens);
   if (target.size() != parameters.size()) {
-    return Error{ErrorCode::kInvalidData,
-                 fmt::format("lens {} has {} parameters, {} are given", name, target.size(), parameters.size()), "lens"};
+    return Error{
+        ErrorCode::kInvalidData,
+        fmt::format("lens {} has {} parameters, {} are given", name, target.size(), parameters.size()),
+        "lens"};
   }
   for (std::size_t i = 0; i < target.size(); ++i) {
     target[i] = parameters[i];
     if (!std::isfinite(parameters[i]) || (i < 2 && !(parameters[i] > 0))) {
-      return Error{ErrorCode::kInvalidData,
-                   fmt::format("{} of lens {} is {}: {}", param_names(*lens)[i], name, parameters[i],
-                               i < 2 ? "a focal length is a positive number of pixels" : "not a finite number"),
-                   "lens"};
+      return Error{
+          ErrorCode::kInvalidData,
+          fmt::format("{} of lens {} is {}: {}", param_names(*lens)[i], name, parameters[i],
+                      i < 2 ? "a focal length is a positive number of pixels" : "not a finite number"),
+          "lens"};
     }
   }
   return lens;

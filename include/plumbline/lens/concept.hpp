@@ -13,21 +13,24 @@ namespace plumbline {
 template <class L>
 using JacParams = Eigen::Matrix<double, 2, L::kNumParams>;
 
-/// What a lens must provide. A lens is a plain struct of doubles, fx fy cx cy first [px], so that the struct IS
-/// the solver's parameter block. Adding one costs its header and its name in lens/lens.hpp: names, help, files,
-/// solver, reports and tests follow from the list. See docs/lens.md.
+/// What a lens must provide. A lens is a plain struct of doubles, fx fy cx cy first [px], so that the struct
+/// IS the solver's parameter block. Adding one costs its header and its name in lens/lens.hpp: names, help,
+/// files, solver, reports and tests follow from the list. See docs/lens.md.
 ///
-/// - project: the pixel of a point in the camera frame (x right, y down, z forward; any unit of length), and on
-///   request d(px)/d(p_cam) (2x3) and d(px)/d(parameters). nullopt outside the lens' domain: a lens says nothing
-///   rather than something wrong.
-/// - project_t: the readable definition over any scalar type, without a domain; only tests call it, with automatic
+/// - project: the pixel of a point in the camera frame (x right, y down, z forward; any unit of length), and
+/// on
+///   request d(px)/d(p_cam) (2x3) and d(px)/d(parameters). nullopt outside the lens' domain: a lens says
+///   nothing rather than something wrong.
+/// - project_t: the readable definition over any scalar type, without a domain; only tests call it, with
+/// automatic
 ///   differentiation, so that each lens is stated twice.
 /// - seed: a lens without distortion and with its centre in the middle, to start a solver from.
 ///
 /// A lens whose parameters are counted at run time (a spline) will join the list by answering the same free
 /// functions of lens/lens.hpp, which ask the value, not the type, for its parameters.
 template <class L>
-concept LensModel = requires(const L lens, const Vec3& p_cam, Mat23* J_px_p, JacParams<L>* J_px_k, ImageSize size) {
+concept LensModel = requires(const L lens, const Vec3& p_cam, Mat23* J_px_p, JacParams<L>* J_px_k,
+                             ImageSize size) {
   { L::kName } -> std::convertible_to<std::string_view>;
   { L::kSummary } -> std::convertible_to<std::string_view>;
   requires L::kParamNames.size() == std::size_t(L::kNumParams);

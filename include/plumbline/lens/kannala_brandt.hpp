@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "plumbline/lens/concept.hpp"
@@ -9,14 +10,16 @@
 
 namespace plumbline {
 
-/// Kannala and Brandt, "A generic camera model and calibration method for conventional, wide-angle, and fish-eye
-/// lenses" (2006), with the four terms that OpenCV's fisheye module, Kalibr ("equidistant") and ROS use:
+/// Kannala and Brandt, "A generic camera model and calibration method for conventional, wide-angle, and
+/// fish-eye lenses" (2006), with the four terms that OpenCV's fisheye module, Kalibr ("equidistant") and ROS
+/// use:
 ///
 ///   theta = angle from the optical axis, atan2(r, Z), r = hypot(X, Y)
 ///   d(theta) = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)
 ///   px = (fx d X/r + cx, fy d Y/r + cy)
 ///
-/// Domain: theta < pi and d increasing all the way from the axis to theta; points behind the camera project too.
+/// Domain: theta < pi and d increasing all the way from the axis to theta; points behind the camera project
+/// too.
 struct KannalaBrandt4 {
   double fx = 1, fy = 1, cx = 0, cy = 0;  ///< [px]
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
@@ -24,7 +27,8 @@ struct KannalaBrandt4 {
   static constexpr std::string_view kName = "kb4";
   static constexpr std::string_view kSummary = "Kannala-Brandt fisheye (OpenCV fisheye, Kalibr equidistant)";
   static constexpr int kNumParams = 8;
-  static constexpr std::array<std::string_view, 8> kParamNames{"fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"};
+  static constexpr std::array<std::string_view, 8> kParamNames{"fx", "fy", "cx", "cy",
+                                                               "k1", "k2", "k3", "k4"};
   static constexpr bool kIsCentralPerspective = false;
 
   static KannalaBrandt4 seed(ImageSize size, double focal_px) {
@@ -35,17 +39,19 @@ struct KannalaBrandt4 {
                               JacParams<KannalaBrandt4>* J_px_k = nullptr) const {
     const double X = p_cam.x(), Y = p_cam.y(), Z = p_cam.z(), rr = X * X + Y * Y, r = std::sqrt(rr);
     const double nn = rr + Z * Z;
-    if (!(nn > 0) || !std::isfinite(nn)) return std::nullopt;
+    if (!(nn > 0 && nn < std::numeric_limits<double>::infinity())) return std::nullopt;
     const double theta = std::atan2(r, Z), s = theta * theta;
     if (!(theta < std::numbers::pi) ||
         !detail::positive_on(std::array<double, 5>{1, 3 * k1, 5 * k2, 7 * k3, 9 * k4}, s)) {
       return std::nullopt;
     }
     const double c = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)));  // d(theta) / theta
-    // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z.
-    const bool on_axis = r < 1e-9 * std::abs(Z);
+    // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z; straight back it grows without bound instead.
+    const bool on_axis = r < 1e-9 * Z;
     const double theta_r = on_axis ? 1 / Z : theta / r, g = c * theta_r;
     const double mx = g * X, my = g * Y;
+    const Vec2 px(fx * mx + cx, fy * my + cy);
+    if (!std::isfinite(px.x() + px.y())) return std::nullopt;
     if (J_px_p) {
       const double d_theta = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)));
       // dg/dr / r = (d'(theta) Z / nn - g) / rr, and dg/dZ = -d'(theta) / nn
@@ -59,14 +65,15 @@ struct KannalaBrandt4 {
       double power = theta_r * s;
       for (int i = 4; i < 8; ++i, power *= s) J.col(i) << fx * X * power, fy * Y * power;
     }
-    return Vec2(fx * mx + cx, fy * my + cy);
+    return px;
   }
 
   template <class T>
   static void project_t(const T* k, const T* p_cam, T* px) {
     using std::atan2;
     using std::sqrt;
-    const T r = sqrt(p_cam[0] * p_cam[0] + p_cam[1] * p_cam[1]), theta = atan2(r, p_cam[2]), t2 = theta * theta;
+    const T r = sqrt(p_cam[0] * p_cam[0] + p_cam[1] * p_cam[1]), theta = atan2(r, p_cam[2]),
+            t2 = theta * theta;
     const T d = theta * (T(1) + k[4] * t2 + k[5] * t2 * t2 + k[6] * t2 * t2 * t2 + k[7] * t2 * t2 * t2 * t2);
     px[0] = k[0] * d * p_cam[0] / r + k[2];
     px[1] = k[1] * d * p_cam[1] / r + k[3];
