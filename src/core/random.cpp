@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "plumbline/core/check.hpp"
+
 namespace plumbline {
 
 std::uint64_t Rng::bits() {
@@ -14,7 +16,8 @@ std::uint64_t Rng::bits() {
 }
 
 double Rng::uniform(double low, double high) {
-  return low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1.0p-53);
+  const double value = low + (high - low) * (static_cast<double>(bits() >> 11) * 0x1.0p-53);
+  return value < high ? value : std::nextafter(high, low);  // the sum may have been rounded up to high
 }
 
 double Rng::normal(double sigma) {
@@ -29,6 +32,9 @@ double Rng::normal(double sigma) {
   return sigma * radius * std::cos(angle);
 }
 
-int Rng::index(int n) { return static_cast<int>(uniform() * n); }
+int Rng::index(int n) {
+  PLUMBLINE_CHECK(n > 0, "Rng::index needs a count above zero");
+  return static_cast<int>(uniform() * n);
+}
 
 }  // namespace plumbline

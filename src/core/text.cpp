@@ -9,13 +9,21 @@
 namespace plumbline {
 
 std::string format_double(double value) {
+  if (std::isnan(value)) return "nan";  // to_chars would print the sign of a NaN
   char buffer[40];
   const auto end = std::to_chars(buffer, buffer + sizeof buffer, value, std::chars_format::general, 17).ptr;
   return std::string(buffer, end);
 }
 
+namespace {
+// from_chars takes "-1" but not "+1".
+std::string_view without_plus(std::string_view text) {
+  return text.size() > 1 && text[0] == '+' && text[1] != '-' ? text.substr(1) : text;
+}
+}  // namespace
+
 std::optional<double> parse_double(std::string_view text) {
-  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  text = without_plus(text);
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(value)) return std::nullopt;
@@ -23,6 +31,7 @@ std::optional<double> parse_double(std::string_view text) {
 }
 
 std::optional<int> parse_int(std::string_view text) {
+  text = without_plus(text);
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;

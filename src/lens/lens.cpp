@@ -63,6 +63,11 @@ bool is_central_perspective(const Lens& lens) {
 }
 
 Result<Lens> make_lens(std::string_view name, ImageSize size, double focal_px) {
+  if (!(focal_px > 0) || !std::isfinite(focal_px)) {
+    return Error{ErrorCode::kInvalidData,
+                 fmt::format("focal length {}: a focal length is a positive number of pixels", focal_px),
+                 "lens"};
+  }
   std::optional<Lens> found;
   for_each_lens_type([&]<class L>(L) {
     if (L::kName == name) found = L::seed(size, focal_px);

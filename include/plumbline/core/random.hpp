@@ -10,9 +10,9 @@ class Rng {
  public:
   explicit Rng(std::uint64_t seed) : state_(seed) {}
   std::uint64_t bits();
-  double uniform(double low = 0.0, double high = 1.0);  ///< in [low, high)
+  double uniform(double low = 0.0, double high = 1.0);  ///< in [low, high), low < high
   double normal(double sigma = 1.0);                    ///< mean 0
-  int index(int n);                                     ///< in [0, n)
+  int index(int n);                                     ///< in [0, n); throws for n < 1
 
  private:
   std::uint64_t state_;

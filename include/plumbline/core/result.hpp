@@ -61,8 +61,11 @@ class [[nodiscard]] Result {
   T* operator->() { return &value(); }
   const T* operator->() const { return &value(); }
 
-  /// \pre !has_value()
-  const Error& error() const { return std::get<1>(state_); }
+  /// \pre !has_value(); throws std::invalid_argument otherwise.
+  const Error& error() const {
+    PLUMBLINE_CHECK(!has_value(), "error() of a Result that holds a value");
+    return std::get<1>(state_);
+  }
 
  private:
   void require() const {
@@ -79,7 +82,10 @@ class [[nodiscard]] Result<void> {
   Result(Error error) : error_(std::move(error)) {}
   bool has_value() const { return !error_.has_value(); }
   explicit operator bool() const { return has_value(); }
-  const Error& error() const { return error_.value(); }
+  const Error& error() const {
+    PLUMBLINE_CHECK(!has_value(), "error() of a Result without one");
+    return *error_;
+  }
 
  private:
   std::optional<Error> error_;

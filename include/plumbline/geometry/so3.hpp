@@ -13,7 +13,7 @@ Mat3 skew(const Vec3& w);
 Mat3 so3_exp(const Vec3& w);
 
 /// The rotation vector of R with |w| in [0, pi]; exact near 0 and near pi.
-/// \pre R is a rotation (R'R = I, det +1) to about 1e-6; throws std::invalid_argument otherwise.
+/// \pre R is a rotation with |R'R - I| < 1e-5 and det > 0; throws std::invalid_argument otherwise.
 Vec3 so3_log(const Mat3& R);
 
 /// J_l: so3_exp(w + dw) = so3_exp(J_l(w) dw) so3_exp(w) to first order. The right Jacobian is J_l(-w).

@@ -17,9 +17,15 @@ namespace plumbline {
 ///   y'' = y c + p1 (s + 2 y^2) + 2 p2 x y + s3 s + s4 s^2
 ///   px  = (fx x'' + cx, fy y'' + cy)
 ///
-/// Domain: z > 0; the denominator is positive and the radial map r c(r^2) increases all the way from the axis
-/// to the point (beyond, the image folds back over itself); and d(x'', y'')/d(x, y) keeps its orientation at
-/// the point.
+/// Domain: z > 0 inside the widest disc r < r_max in which the image cannot fold over itself. From the axis
+/// out to r the denominator stays positive and the slope of the radial map, d(r c)/dr, stays above
+///
+///   e(r) = r (6 |(p1, p2)| + 2 max over [0, s] of |(s1 + 2 s2 s, s3 + 2 s4 s)|),
+///
+/// the most that tangential and prism terms take away from it in any direction. The symmetric part of
+/// d(x'', y'')/d(x, y) is then positive definite in the disc, and a map with that property on a convex set is
+/// one to one (Gale & Nikaido 1965, theorem 6). Without those terms e = 0 and r_max is where the radial map
+/// turns back.
 template <int N>
 struct BrownConrady {
   static_assert(N == 4 || N == 5 || N == 8 || N == 12);
@@ -51,28 +57,33 @@ struct BrownConrady {
 
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<BrownConrady>* J_px_k = nullptr) const {
-    if (!(p_cam.z() > 0)) return std::nullopt;
     const double iz = 1 / p_cam.z(), x = p_cam.x() * iz, y = p_cam.y() * iz;
     const double xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
-    if (!std::isfinite(s)) return std::nullopt;
+    if (!(iz > 0) || !in_domain(s)) return std::nullopt;  // iz: 0 for z = inf, NaN for NaN
     const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = at(4);
-    const double n = 1 + s * (k1 + s * (k2 + s * k3)), n_s = k1 + s * (2 * k2 + 3 * s * k3);
-    const double q = 1 + s * (at(5) + s * (at(6) + s * at(7))), q_s = at(5) + s * (2 * at(6) + 3 * s * at(7));
-    if (!radially_increasing_to(s)) return std::nullopt;
-    const double iq = 1 / q, c = n * iq, c_s = (n_s - c * q_s) * iq;
-
+    const double n = 1 + s * (k1 + s * (k2 + s * k3));
+    double iq = 1, c = n;
+    if constexpr (N >= 8) {
+      iq = 1 / (1 + s * (at(5) + s * (at(6) + s * at(7))));
+      c = n * iq;
+    }
     const double a = s + 2 * xx, b = s + 2 * yy;
-    const double xd = x * c + 2 * p1 * xy + p2 * a + s * (at(8) + s * at(9));
-    const double yd = y * c + p1 * b + 2 * p2 * xy + s * (at(10) + s * at(11));
-    // d(xd, yd)/d(x, y); the prism terms add 2 x (s1 + 2 s2 s) and so on.
-    const double ux = at(8) + 2 * at(9) * s, uy = at(10) + 2 * at(11) * s;
-    const double xd_x = c + 2 * xx * c_s + 2 * p1 * y + 6 * p2 * x + 2 * x * ux;
-    const double xd_y = 2 * xy * c_s + 2 * p1 * x + 2 * p2 * y + 2 * y * ux;
-    const double yd_x = 2 * xy * c_s + 2 * p1 * x + 2 * p2 * y + 2 * x * uy;
-    const double yd_y = c + 2 * yy * c_s + 6 * p1 * y + 2 * p2 * x + 2 * y * uy;
-    if (!(xd_x * yd_y - xd_y * yd_x > 0)) return std::nullopt;
+    double xd = x * c + 2 * p1 * xy + p2 * a, yd = y * c + p1 * b + 2 * p2 * xy;
+    if constexpr (N >= 12) {
+      xd += s * (at(8) + s * at(9));
+      yd += s * (at(10) + s * at(11));
+    }
+    const Vec2 px(fx * xd + cx, fy * yd + cy);
+    if (!std::isfinite(px.x() + px.y())) return std::nullopt;
 
     if (J_px_p) {
+      // d(xd, yd)/d(x, y), with c_s = dc/ds; the prism terms add 2 x (s1 + 2 s2 s) and so on.
+      double c_s = k1 + s * (2 * k2 + 3 * s * k3), ux = 0, uy = 0;
+      if constexpr (N >= 8) c_s = (c_s - c * (at(5) + s * (2 * at(6) + 3 * s * at(7)))) * iq;
+      if constexpr (N >= 12) ux = at(8) + 2 * at(9) * s, uy = at(10) + 2 * at(11) * s;
+      const double mixed = 2 * (xy * c_s + p1 * x + p2 * y);
+      const double xd_x = c + 2 * xx * c_s + 2 * p1 * y + 6 * p2 * x + 2 * x * ux, xd_y = mixed + 2 * y * ux;
+      const double yd_y = c + 2 * yy * c_s + 6 * p1 * y + 2 * p2 * x + 2 * y * uy, yd_x = mixed + 2 * x * uy;
       const double u0 = fx * xd_x * iz, u1 = fx * xd_y * iz, v0 = fy * yd_x * iz, v1 = fy * yd_y * iz;
       *J_px_p << u0, u1, -(x * u0 + y * u1), v0, v1, -(x * v0 + y * v1);
     }
@@ -88,7 +99,7 @@ struct BrownConrady {
       }
       if constexpr (N >= 12) J.template rightCols<4>() << fx * s, fx * s * s, 0, 0, 0, 0, fy * s, fy * s * s;
     }
-    return Vec2(fx * xd + cx, fy * yd + cy);
+    return px;
   }
 
   template <class T>
@@ -111,20 +122,28 @@ struct BrownConrady {
  private:
   double at(int i) const { return i < N ? d[static_cast<std::size_t>(i < N ? i : 0)] : 0.0; }
 
-  // d(r c(r^2))/dr has the sign of  (n + 2 s n') q - 2 s n q'  where c = n / q, a polynomial in s.
-  bool radially_increasing_to(double s) const {
+  // Whether the disc of squared radius s lies in the domain; false for NaN and infinity.
+  bool in_domain(double s) const {
     const double k1 = d[0], k2 = d[1], k3 = at(4);
+    double e = 6 * std::sqrt(s * (d[2] * d[2] + d[3] * d[3]));
+    if constexpr (N >= 12) {  // |(s1 + 2 s2 s, s3 + 2 s4 s)| is convex in s: its largest value is at an end
+      const double ux = at(8) + 2 * at(9) * s, uy = at(10) + 2 * at(11) * s;
+      e += 2 * std::sqrt(s * std::fmax(at(8) * at(8) + at(10) * at(10), ux * ux + uy * uy));
+    }
     if constexpr (N < 8) {
-      return detail::positive_on(std::array<double, 4>{1, 3 * k1, 5 * k2, 7 * k3}, s);
+      return detail::positive_on(std::array<double, 4>{1 - e, 3 * k1, 5 * k2, 7 * k3}, s);
     } else {
-      const double k4 = d[5], k5 = d[6], k6 = d[7];
-      if (!detail::positive_on(std::array<double, 4>{1, k4, k5, k6}, s)) return false;
-      // coefficient of s^(i+j): n_i q_j (1 + 2 i - 2 j)
-      return detail::positive_on(
-          std::array<double, 7>{1, 3 * k1 - k4, 5 * k2 + k1 * k4 - 3 * k5,
-                                7 * k3 + 3 * k2 * k4 - k1 * k5 - 5 * k6, 5 * k3 * k4 + k2 * k5 - 3 * k1 * k6,
-                                3 * k3 * k5 - k2 * k6, k3 * k6},
-          s);
+      // With c = n / q the slope is m / q^2, m = (n + 2 s n') q - 2 s n q': the coefficient of s^(i+j) in m
+      // is n_i q_j (1 + 2 i - 2 j). Slope > e becomes m - e q^2 > 0.
+      const double k4 = at(5), k5 = at(6), k6 = at(7);
+      return detail::positive_on(std::array<double, 4>{1, k4, k5, k6}, s) &&
+             detail::positive_on(
+                 std::array<double, 7>{1 - e, 3 * k1 - k4 - e * (2 * k4),
+                                       5 * k2 + k1 * k4 - 3 * k5 - e * (2 * k5 + k4 * k4),
+                                       7 * k3 + 3 * k2 * k4 - k1 * k5 - 5 * k6 - e * 2 * (k6 + k4 * k5),
+                                       5 * k3 * k4 + k2 * k5 - 3 * k1 * k6 - e * (2 * k4 * k6 + k5 * k5),
+                                       3 * k3 * k5 - k2 * k6 - e * 2 * k5 * k6, k3 * k6 - e * k6 * k6},
+                 s);
     }
   }
 };

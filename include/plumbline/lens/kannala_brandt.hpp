@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "plumbline/lens/concept.hpp"
@@ -38,17 +39,19 @@ struct KannalaBrandt4 {
                               JacParams<KannalaBrandt4>* J_px_k = nullptr) const {
     const double X = p_cam.x(), Y = p_cam.y(), Z = p_cam.z(), rr = X * X + Y * Y, r = std::sqrt(rr);
     const double nn = rr + Z * Z;
-    if (!(nn > 0) || !std::isfinite(nn)) return std::nullopt;
+    if (!(nn > 0 && nn < std::numeric_limits<double>::infinity())) return std::nullopt;
     const double theta = std::atan2(r, Z), s = theta * theta;
     if (!(theta < std::numbers::pi) ||
         !detail::positive_on(std::array<double, 5>{1, 3 * k1, 5 * k2, 7 * k3, 9 * k4}, s)) {
       return std::nullopt;
     }
     const double c = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)));  // d(theta) / theta
-    // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z.
-    const bool on_axis = r < 1e-9 * std::abs(Z);
+    // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z; straight back it grows without bound instead.
+    const bool on_axis = r < 1e-9 * Z;
     const double theta_r = on_axis ? 1 / Z : theta / r, g = c * theta_r;
     const double mx = g * X, my = g * Y;
+    const Vec2 px(fx * mx + cx, fy * my + cy);
+    if (!std::isfinite(px.x() + px.y())) return std::nullopt;
     if (J_px_p) {
       const double d_theta = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)));
       // dg/dr / r = (d'(theta) Z / nn - g) / rr, and dg/dZ = -d'(theta) / nn
@@ -62,7 +65,7 @@ struct KannalaBrandt4 {
       double power = theta_r * s;
       for (int i = 4; i < 8; ++i, power *= s) J.col(i) << fx * X * power, fy * Y * power;
     }
-    return Vec2(fx * mx + cx, fy * my + cy);
+    return px;
   }
 
   template <class T>

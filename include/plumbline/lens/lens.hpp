@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <algorithm>
 #include <optional>
 #include <span>
 #include <string>
@@ -24,11 +25,15 @@ template <class V>
 inline constexpr bool kAllLensModels = false;
 template <class... L>
 inline constexpr bool kAllLensModels<std::variant<L...>> = (LensModel<L> && ...);
+template <class V>
+inline constexpr int kMostParams = 0;
+template <class... L>
+inline constexpr int kMostParams<std::variant<L...>> = std::max({L::kNumParams...});
 static_assert(kAllLensModels<Lens>, "an alternative of Lens does not satisfy LensModel");
 }  // namespace detail
 
 /// d(px)/d(parameters) of any lens: 2 x n_params(lens); never allocates.
-inline constexpr int kMaxLensParams = 16;
+inline constexpr int kMaxLensParams = detail::kMostParams<Lens>;
 using JacLens = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::ColMajor, 2, kMaxLensParams>;
 
 /// All names in the order of the list ("pinhole", "opencv4", ...).
@@ -44,7 +49,8 @@ std::span<double> params(Lens& lens);
 /// Whether only points with z > 0 project (false: a fisheye that can see behind itself).
 bool is_central_perspective(const Lens& lens);
 
-/// A lens without distortion, centre in the middle; kUnsupported (with all names) for a name not in the list.
+/// A lens without distortion, centre in the middle; kUnsupported (with all names) for a name not in the list,
+/// kInvalidData for a focal length that is not a positive number.
 Result<Lens> make_lens(std::string_view name, ImageSize size, double focal_px);
 
 /// A lens from its name and its parameters; kInvalidData when their number is wrong, one is not finite, or a
@@ -59,8 +65,8 @@ Mat3 camera_matrix_k(const Lens& lens);
 std::optional<Vec2> project(const Lens& lens, const Vec3& p_cam, Mat23* J_px_p = nullptr,
                             JacLens* J_px_k = nullptr);
 
-/// The unit ray in the camera frame that projects to px, within 1e-10 px; nullopt when no ray of the domain
-/// does.
+/// The unit ray in the camera frame that projects to px, to 1e-10 px (+ 1e-12 of px); nullopt when no ray of
+/// the domain does.
 std::optional<Vec3> unproject(const Lens& lens, const Vec2& px);
 
 }  // namespace plumbline

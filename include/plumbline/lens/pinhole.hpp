@@ -24,12 +24,12 @@ struct Pinhole {
 
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<Pinhole>* J_px_k = nullptr) const {
-    if (!(p_cam.z() > 0)) return std::nullopt;
     const double iz = 1 / p_cam.z(), x = p_cam.x() * iz, y = p_cam.y() * iz;
-    if (!std::isfinite(x) || !std::isfinite(y)) return std::nullopt;
+    const Vec2 px(fx * x + cx, fy * y + cy);
+    if (!(iz > 0) || !std::isfinite(px.x() + px.y())) return std::nullopt;  // iz: 0 for z = inf, NaN for NaN
     if (J_px_p) *J_px_p << fx * iz, 0, -fx * x * iz, 0, fy * iz, -fy * y * iz;
     if (J_px_k) *J_px_k << x, 0, 1, 0, 0, y, 0, 1;
-    return Vec2(fx * x + cx, fy * y + cy);
+    return px;
   }
 
   template <class T>

@@ -5,41 +5,50 @@
 
 namespace plumbline::detail {
 
-/// Whether the polynomial with coefficients c (c[0] + c[1] s + ...) is positive everywhere on [0, s_max].
-/// Decided by its Bernstein coefficients on the interval (a polynomial lies in their convex hull) and halving
-/// the interval where they do not decide; Farouki, "The Bernstein polynomial basis: a centennial
-/// retrospective" (2012). A polynomial that touches zero to within about 1e-9 of its size counts as not
-/// positive.
+/// Whether a polynomial with Bernstein coefficients b on an interval is positive on all of it: it lies in
+/// their convex hull and takes the first and the last as its values at the ends; halving where they do not
+/// decide.
+template <std::size_t N>
+bool bernstein_positive(const std::array<double, N>& b, int depth) {
+  if (!(b[0] > 0) || !(b[N - 1] > 0)) return false;
+  bool all_positive = true;
+  for (double v : b) all_positive = all_positive && v > 0;
+  if (all_positive) return true;
+  if (depth == 0) return false;
+  std::array<double, N> left{}, right = b;  // de Casteljau at the middle
+  for (std::size_t k = 0; k < N; ++k) {
+    left[k] = right[0];
+    for (std::size_t i = 0; i + k + 1 < N; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
+  }
+  return bernstein_positive(left, depth - 1) && bernstein_positive(right, depth - 1);
+}
+
+/// Whether the polynomial with coefficients c (c[0] + c[1] s + ...) is positive everywhere on [0, s_max],
+/// s_max >= 0. Nearly always the negative terms at s_max, taken together, are smaller than c[0], and that
+/// settles it; otherwise the Bernstein coefficients do (Farouki, "The Bernstein polynomial basis: a
+/// centennial retrospective", 2012). A polynomial that touches zero to within about 1e-9 of its size counts
+/// as not positive; so does one with NaN.
 template <std::size_t N>
 bool positive_on(const std::array<double, N>& c, double s_max) {
-  constexpr int degree = static_cast<int>(N) - 1;
-  // Bernstein coefficients on [0, s_max]: b_i = sum_{j <= i} C(i, j) / C(degree, j) c_j s_max^j.
-  std::array<double, N> b{};
-  double power = 1, choose_degree = 1;  // s_max^j, C(degree, j)
-  for (int j = 0; j <= degree; ++j) {
-    const double scaled = c[j] * power / choose_degree;
-    double choose = 1;  // C(i, j)
-    for (int i = j; i <= degree; ++i) {
-      b[i] += choose * scaled;
-      choose = choose * (i + 1) / (i + 1 - j);
-    }
-    power *= s_max;
-    choose_degree = choose_degree * (degree - j) / (j + 1);
+  std::array<double, N> b;
+  double power = 1, low = 0, sum = 0;
+  for (std::size_t j = 0; j < N; ++j, power *= s_max) {
+    b[j] = c[j] * power;
+    low += j > 0 && b[j] > 0 ? 0.0 : b[j];
+    sum += b[j];
   }
-  const auto decide = [](auto&& self, const std::array<double, N>& q, int depth) -> bool {
-    if (!(q[0] > 0) || !(q[degree] > 0)) return false;  // the ends are values of the polynomial
-    bool all_positive = true;
-    for (double v : q) all_positive = all_positive && v > 0;
-    if (all_positive) return true;
-    if (depth == 0) return false;
-    std::array<double, N> left{}, right = q;  // de Casteljau at the middle
-    for (int k = 0; k <= degree; ++k) {
-      left[k] = right[0];
-      for (int i = 0; i < degree - k; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
-    }
-    return self(self, left, depth - 1) && self(self, right, depth - 1);
-  };
-  return decide(decide, b, 15);
+  if (low > 0) return true;
+  if (!(c[0] > 0) || !(sum > 0)) return false;  // the values at the ends
+  // b_i = sum over j <= i of C(i, j) / C(degree, j) c_j s_max^j, the sums by Pascal's rule.
+  double choose = 1;  // C(degree, j)
+  for (std::size_t j = 0; j < N; ++j) {
+    b[j] /= choose;
+    choose = choose * static_cast<double>(N - 1 - j) / static_cast<double>(j + 1);
+  }
+  for (std::size_t k = 1; k < N; ++k) {
+    for (std::size_t i = N - 1; i >= k; --i) b[i] += b[i - 1];
+  }
+  return bernstein_positive(b, 15);
 }
 
 }  // namespace plumbline::detail

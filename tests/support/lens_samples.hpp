@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "plumbline/core/random.hpp"
+#include "plumbline/lens/lens.hpp"
+
+/// Lenses and points for tests that know nothing about any one lens.
+namespace plumbline::test {
+
+/// ::testing::Types of the alternatives of Lens, so that a new lens is tested without an edit.
+template <class V>
+struct TypesOf;
+template <class... L>
+struct TypesOf<std::variant<L...>> {
+  using type = ::testing::Types<L...>;
+};
+using LensTypes = TypesOf<Lens>::type;
+
+struct LensTypeName {
+  template <class L>
+  static std::string GetName(int) {
+    return std::string(L::kName);
+  }
+};
+
+/// A lens around its seed: focal lengths and centre as cameras have them, every further parameter moved by a
+/// normal number of the given size. 0: the seed; 0.02: mild; 0.2: strong; 2: far beyond any glass.
+template <class L>
+L random_lens(Rng& rng, double distortion) {
+  L lens = L::seed({1280, 960}, rng.uniform(200, 1500));
+  lens.fy *= rng.uniform(0.9, 1.1);
+  lens.cx += rng.uniform(-60, 60);
+  lens.cy += rng.uniform(-60, 60);
+  double* k = &lens.fx;
+  for (int i = 4; i < L::kNumParams; ++i) k[i] += rng.normal(distortion);
+  return lens;
+}
+
+/// The sizes of distortion that every property is tested with.
+inline const std::vector<double>& distortions() {
+  static const std::vector<double> sizes{0, 0.02, 0.2, 2};
+  return sizes;
+}
+
+/// The point `theta` radians from the optical axis in the direction `phi`, at a distance.
+inline Vec3 point_at(double theta, double phi, double distance = 1) {
+  return distance * Vec3(std::sin(theta) * std::cos(phi), std::sin(theta) * std::sin(phi), std::cos(theta));
+}
+
+/// Where to look for points of a lens type: short of 90 degrees, or all around.
+template <class L>
+constexpr double widest_angle() {
+  return L::kIsCentralPerspective ? 0.4999 * std::numbers::pi : std::numbers::pi;
+}
+
+/// The first angle along `phi` that the lens does not project to within `farthest_px` of its centre, to 1e-12
+/// rad; widest_angle when there is none.
+template <class L>
+double edge_of_domain(const L& lens, double phi, double farthest_px = 1e300) {
+  double low = 0, high = widest_angle<L>();
+  for (int i = 0; i < 45; ++i) {
+    const double middle = 0.5 * (low + high);
+    const auto px = lens.project(point_at(middle, phi));
+    (px && (*px - Vec2(lens.cx, lens.cy)).norm() < farthest_px ? low : high) = middle;
+  }
+  return low;
+}
+
+/// The farthest pixel from the centre that points_in_domain asks for [px], some hundred images away. Further
+/// out, at the pole of a rational lens or at 90 degrees, a rounding of the input alone moves the pixel by
+/// more than 1e-9.
+constexpr double kFarthestPx = 1e5;
+
+/// n points inside the domain, over all directions and angles up to the edge (the outermost close to it).
+template <class L>
+std::vector<Vec3> points_in_domain(const L& lens, Rng& rng, int n) {
+  std::vector<Vec3> points;
+  for (int i = 0; i < n; ++i) {
+    const double phi = rng.uniform(0, 2 * std::numbers::pi), edge = edge_of_domain(lens, phi, kFarthestPx);
+    const double share = i % 10 == 0 ? 1 - std::pow(10, rng.uniform(-8, -2)) : std::sqrt(rng.uniform());
+    const Vec3 p = point_at(edge * share, phi, std::pow(10, rng.uniform(-2, 2)));
+    if (lens.project(p)) points.push_back(p);
+  }
+  return points;
+}
+
+}  // namespace plumbline::test
