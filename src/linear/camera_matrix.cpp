@@ -101,8 +101,7 @@ Result<Mat34> camera_matrix_to_rays(std::span<const Vec3> p_world, std::span<con
                     rays_cam.size(), prepared.flatness));
   }
   const Mat4 TX = detail::normalising_similarity(sX);
-  const detail::DltSolution solution =
-      detail::solve_dlt(detail::to_homogeneous(TX, X), detail::ray_constraints(prepared.rays));
+  const detail::DltSolution solution = detail::solve_dlt(detail::to_homogeneous(TX, X), prepared.E);
   if (const auto e = refuse_solution(solution)) return *e;
   Mat34 P = prepared.T.inverse() * Mat34(solution.H) * TX;
   P /= std::cbrt(std::abs(P.leftCols<3>().determinant()));

@@ -73,20 +73,22 @@ MatX as_matrix(std::span<const Vec3> points) {
 }
 
 PreparedRays prepare_rays(std::span<const Vec3> rays) {
-  PreparedRays out;
-  out.rays = as_matrix(rays);
-  out.rays.colwise().normalize();
-  const Vec3 mean = out.rays.rowwise().mean();
+  MatX turned = as_matrix(rays);
+  turned.colwise().normalize();
+  const Vec3 mean = turned.rowwise().mean();
   // Rays all around have no mean direction and are well spread as they are.
-  out.T = mean.norm() > 0.1 ? turn_to_z(mean.normalized()) : Mat3::Identity();
-  out.rays = out.T * out.rays;
-  const double across = out.rays.topRows(2).squaredNorm(), along = out.rays.row(2).squaredNorm();
+  const Mat3 R = mean.norm() > 0.1 ? turn_to_z(mean.normalized()) : Mat3(Mat3::Identity());
+  turned = R * turned;
+  const double across = turned.topRows(2).squaredNorm(), along = turned.row(2).squaredNorm();
   const double widen = across > 0 ? std::clamp(std::sqrt(2 * along / across), 1.0, 1e6) : 1.0;
-  const Vec3 scale(widen, widen, 1);
-  out.T = scale.asDiagonal() * out.T;
-  out.rays = scale.asDiagonal() * out.rays;
-  out.rays.colwise().normalize();
-  const VecX moments = sym_eigen(out.rays * out.rays.transpose()).values;
+  PreparedRays out;
+  out.T = Vec3(widen, widen, 1).asDiagonal() * R;
+  for (Eigen::Index i = 0; i < turned.cols(); ++i) {
+    // The first two rows of a rotation that takes the ray to z span the plane across it.
+    out.E.push_back(turn_to_z(turned.col(i)).topRows<2>() * Vec3(1, 1, widen).asDiagonal());
+  }
+  const MatX wide = Vec3(widen, widen, 1).asDiagonal() * turned;
+  const VecX moments = sym_eigen(wide * wide.transpose()).values;
   out.flatness = std::sqrt(std::max(moments[0], 0.0) / moments[2]);
   return out;
 }
@@ -97,14 +99,6 @@ std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous) {
     const Vec3 b = b_homogeneous.col(static_cast<Eigen::Index>(i));
     E[i] << b.z(), 0, -b.x(), 0, b.z(), -b.y();
   }
-  return E;
-}
-
-std::vector<Mat23> ray_constraints(const MatX& rays) {
-  std::vector<Mat23> E(static_cast<std::size_t>(rays.cols()));
-  // The first two rows of a rotation that takes the ray to z span the plane across it.
-  for (std::size_t i = 0; i < E.size(); ++i)
-    E[i] = turn_to_z(rays.col(static_cast<Eigen::Index>(i))).topRows<2>();
   return E;
 }
 

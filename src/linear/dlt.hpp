@@ -35,21 +35,21 @@ MatX to_homogeneous(const MatX& T, const MatX& points);
 MatX as_matrix(std::span<const Vec2> points);
 MatX as_matrix(std::span<const Vec3> points);
 
-/// Rays prepared for a DLT: T turns their mean to z and widens a narrow bundle, so that the transverse parts
-/// are as large as the axial one. T is linear and has det T > 0, so a ray behind the camera stays a ray with
-/// a direction.
+/// Rays prepared for a DLT: T turns their mean to z and then widens a narrow bundle, so that the transverse
+/// parts are as large as the axial one. The rows of E vanish when  H a  is parallel to T * ray, whatever its
+/// z, and |E T v| is the distance of v from the ray's line in the camera frame (up to one factor for all
+/// rays), so that every ray weighs the same. T is linear and has det T > 0: a ray behind the camera keeps its
+/// direction.
 struct PreparedRays {
   Mat3 T;
-  MatX rays;        ///< 3 x n, T * rays, of unit length again
-  double flatness;  ///< smallest over largest RMS extent of the prepared rays; 0 when all lie in a plane
+  std::vector<Mat23> E;
+  double flatness;  ///< smallest over largest RMS extent of the widened rays; 0 when all lie in a plane
                     ///< through 0
 };
 PreparedRays prepare_rays(std::span<const Vec3> rays);
 
 /// Rows that vanish when  H a  is parallel to [b; 1], one pair per pixel.
 std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous);
-/// Orthonormal rows perpendicular to each ray: they vanish when  H a  is parallel to the ray, whatever its z.
-std::vector<Mat23> ray_constraints(const MatX& rays);
 
 /// The 3 x k matrix H of unit norm that minimises  sum |E_i H a_i|^2, a_i the columns of a (k x n).
 struct DltSolution {

@@ -92,8 +92,7 @@ Result<Mat3> homography_to_rays(std::span<const Vec2> a, std::span<const Vec3> r
                     rays_cam.size(), prepared.flatness, detail::kFlat));
   }
   const Mat3 Ta = detail::normalising_similarity(sa);
-  const detail::DltSolution solution =
-      detail::solve_dlt(detail::to_homogeneous(Ta, am), detail::ray_constraints(prepared.rays));
+  const detail::DltSolution solution = detail::solve_dlt(detail::to_homogeneous(Ta, am), prepared.E);
   if (const auto e = refuse_solution(solution)) return *e;
   Mat3 H = prepared.T.inverse() * Mat3(solution.H) * Ta;
   H /= H.norm();
