@@ -5,6 +5,7 @@
 function(plumbline_module name)
   cmake_parse_arguments(ARG "" "" "DEPS;EXPOSE;LINK" ${ARGN})
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/${name}/*.cpp)
+  list(FILTER sources EXCLUDE REGEX "_module\\.cpp$")  # built as shared objects of their own
   file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/include/plumbline/${name}/*.hpp)
   set(library plumbline_${name})
   add_library(${library} STATIC ${sources})

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <map>
+
+#include "detect/charuco.hpp"
+#include "detect/finders.hpp"
+#include "plumbline/core/text.hpp"
+
+namespace plumbline::detail {
+
+Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target) {
+  std::map<std::string, int> expected;  // markers of each dictionary over all parts: each is looked for once
+  bool has_tags = false;
+  for (const BoardPart& part : rig.parts) {
+    if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
+      expected[charuco->dictionary] += n_markers(*charuco);
+    } else if (std::holds_alternative<AprilGrid>(part.board)) {
+      has_tags = true;
+    } else {
+      return Error{ErrorCode::kUnsupported,
+                   fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco boards and AprilGrids can",
+                               target_type(part.board)),
+                   target.name};
+    }
+  }
+  std::map<std::string, std::vector<Marker>> markers;
+  for (const auto& [dictionary, n] : expected) markers[dictionary] = find_aruco(grey, dictionary, n);
+  const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
+
+  Detection out;
+  std::vector<std::string> reasons;
+  int offset = 0, part_number = 0;
+  for (const BoardPart& part : rig.parts) {
+    Detection found;
+    int n_points = 0;
+    if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
+      found = charuco_from_markers(grey, *charuco, markers[charuco->dictionary]);
+      n_points = (charuco->columns - 1) * (charuco->rows - 1);
+    } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
+      found = aprilgrid_from_tags(grey, *grid, tags);
+      n_points = grid->columns * grid->rows * 4;
+    }
+    ++part_number;
+    for (Corner corner : found.corners) {
+      corner.point += offset;
+      out.corners.push_back(corner);
+    }
+    if (found.corners.empty()) reasons.push_back(fmt::format("part {}: {}", part_number, found.reason));
+    offset += n_points;
+  }
+  out.method = out.corners.empty() ? "" : "markers, cornerSubPix";
+  if (out.corners.empty()) out.reason = fmt::format("none of {} parts found: {}", rig.parts.size(), join(reasons, "; "));
+  return out;
+}
+
+}  // namespace plumbline::detail

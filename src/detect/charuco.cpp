@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "detect/charuco.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "detect/finders.hpp"
+#include "detect/subpixel.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+/// Squares as units, origin at inner corner (0, 0): square (c, r) covers [c - 1, c] x [r - 1, r].
+struct Layout {
+  bool marker_in_first_square = false;  ///< legacy boards with an even number of rows
+  bool has_marker(int c, int r) const { return ((c + r) % 2 == 0) == marker_in_first_square; }
+};
+
+/// Board corners of each marker id, counted from the board's first: row by row from the top left, clockwise.
+std::vector<std::array<Vec2, 4>> marker_corners(const Charuco& board, const Layout& layout) {
+  const double margin = (1 - board.marker_m / board.square_m) / 2;
+  std::vector<std::array<Vec2, 4>> out;
+  for (int r = 0; r < board.rows; ++r) {
+    for (int c = 0; c < board.columns; ++c) {
+      if (!layout.has_marker(c, r)) continue;
+      const double x0 = c - 1 + margin, x1 = c - margin, y0 = r - 1 + margin, y1 = r - margin;
+      out.push_back({Vec2(x0, y0), Vec2(x1, y0), Vec2(x1, y1), Vec2(x0, y1)});
+    }
+  }
+  return out;
+}
+
+struct Placement {
+  Layout layout;
+  std::vector<PlacedQuad> quads;
+  ConsistentQuads consistent;
+};
+
+Placement place(const Charuco& board, const Layout& layout, const std::vector<Marker>& markers) {
+  Placement out{layout, {}, {}};
+  const auto corners = marker_corners(board, layout);
+  for (const Marker& m : markers) {
+    const int i = m.id - board.first_id;
+    if (i >= 0 && i < static_cast<int>(corners.size())) out.quads.push_back({m.id, corners[static_cast<std::size_t>(i)], m.px});
+  }
+  out.consistent = consistent_quads(out.quads);
+  return out;
+}
+
+/// kAuto takes the layout under which more markers agree with their neighbours.
+Placement best_placement(const Charuco& board, const std::vector<Marker>& markers) {
+  using enum Charuco::Layout;
+  const bool has_two = board.rows % 2 == 0;
+  if (!has_two || board.layout == kCurrent) return place(board, {false}, markers);
+  if (board.layout == kLegacy) return place(board, {true}, markers);
+  Placement current = place(board, {false}, markers), legacy = place(board, {true}, markers);
+  const auto n = current.consistent.index.size(), m = legacy.consistent.index.size();
+  const bool is_legacy = m > n || (m == n && legacy.consistent.mean_error < current.consistent.mean_error);
+  return is_legacy ? legacy : current;
+}
+
+/// The local map at an inner corner, or nullopt when no marker touches it.
+std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
+  const auto near = nearest_quads(placed.quads, placed.consistent.index, corner, 4);
+  std::vector<Vec2> from, to;
+  bool is_touched = false;
+  for (int q : near) {
+    const PlacedQuad& quad = placed.quads[static_cast<std::size_t>(q)];
+    const double distance = (quad.board_centre() - corner).lpNorm<Eigen::Infinity>();
+    is_touched |= distance < 0.75;
+    if (distance > 2.25) continue;  // a wide lens bends the board over larger distances
+    from.insert(from.end(), quad.board.begin(), quad.board.end());
+    to.insert(to.end(), quad.px.begin(), quad.px.end());
+  }
+  if (!is_touched) return std::nullopt;
+  for (Vec2& p : from) p -= corner;
+  return fit_plane(from, to);
+}
+
+/// How far the picture around a corner is clean of marker edges [px], at most 0.42 squares.
+double clean_reach(const Mat3& H, double margin) {
+  const Mat2 J = map_jacobian(H, Vec2(0, 0));
+  double reach = 1e9;
+  for (int k = 0; k < 4; ++k) {
+    const Vec2 direction((k & 1) != 0 ? 1 : -1, (k & 2) != 0 ? 1 : -1);
+    // Markers stand in two of the four squares; the other two end at the next corner.
+    reach = std::min(reach, (J * direction * margin).lpNorm<Eigen::Infinity>() - 1);
+  }
+  const double square = std::min(J.col(0).norm(), J.col(1).norm());
+  return std::min(reach, 0.42 * square);
+}
+
+constexpr int kMinCorners = 4;
+
+/// Four corners on a line say nothing about a camera.
+bool spans_plane(const std::vector<Corner>& corners, int columns) {
+  const auto at = [&](const Corner& c) { return Vec2(c.point % columns, c.point / columns); };
+  for (std::size_t i = 2; i < corners.size(); ++i) {
+    const Vec2 a = at(corners[1]) - at(corners[0]), b = at(corners[i]) - at(corners[0]);
+    if (std::abs(a.x() * b.y() - a.y() * b.x()) > 0.5) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board, const std::vector<Marker>& markers) {
+  Detection out;
+  const Placement placed = best_placement(board, markers);
+  const std::size_t n = placed.consistent.index.size();
+  if (n == 0) {
+    out.reason = fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
+    return out;
+  }
+  std::vector<Vec2> all_px;
+  for (int i : placed.consistent.index)
+    for (const Vec2& p : placed.quads[static_cast<std::size_t>(i)].px) all_px.push_back(p);
+  const double noise = noise_level(grey, bounding_box(all_px, grey));
+  const double margin = (1 - board.marker_m / board.square_m) / 2;
+  std::vector<CornerStart> starts;
+  std::vector<int> points;
+  for (int r = 0; r + 1 < board.rows; ++r) {
+    for (int c = 0; c + 1 < board.columns; ++c) {
+      const auto H = plane_at(placed, Vec2(c, r));
+      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
+      if (!px) continue;
+      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
+      const double square = std::min(J.col(0).norm(), J.col(1).norm());
+      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
+      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10) continue;
+      starts.push_back({*px, half_window(clean_reach(*H, margin)), std::max(1.5, 0.12 * square)});
+      points.push_back(r * (board.columns - 1) + c);
+    }
+  }
+  const auto refined = refine_corners(grey, starts, noise);
+  for (std::size_t i = 0; i < refined.size(); ++i) {
+    if (refined[i]) out.corners.push_back({points[i], refined[i]->px, refined[i]->sigma_px});
+  }
+  if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
+    out.reason = fmt::format("{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
+                             out.corners.size(), (board.columns - 1) * (board.rows - 1), n, n_markers(board), kMinCorners);
+    out.corners.clear();
+    return out;
+  }
+  out.method = board.rows % 2 != 0 ? "ArUco, cornerSubPix"
+               : placed.layout.marker_in_first_square ? "ArUco (legacy layout), cornerSubPix"
+                                                      : "ArUco (current layout), cornerSubPix";
+  return out;
+}
+
+Detection detect_charuco(const cv::Mat& grey, const Charuco& board) {
+  return charuco_from_markers(grey, board, find_aruco(grey, board.dictionary, n_markers(board)));
+}
+
+}  // namespace plumbline::detail

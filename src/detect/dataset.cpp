@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <set>
+
+#include "detect/finders.hpp"
+#include "plumbline/core/parallel.hpp"
+#include "plumbline/core/text.hpp"
+#include "plumbline/detect/detect.hpp"
+#include "plumbline/image/image.hpp"
+
+namespace plumbline {
+namespace {
+
+/// One image of the run.
+struct Job {
+  int cam = 0;
+  std::size_t image = 0;  ///< within its camera
+  ImageSize size;
+  std::optional<Result<Detection>> found;
+};
+
+/// OpenCV's own threads inside ours would only fight for the cores. Its setting is for the whole process, so it is put
+/// back; it changes no result.
+class OpenCvSingleThreaded {
+ public:
+  OpenCvSingleThreaded() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
+  ~OpenCvSingleThreaded() { cv::setNumThreads(before_); }
+  OpenCvSingleThreaded(const OpenCvSingleThreaded&) = delete;
+  OpenCvSingleThreaded& operator=(const OpenCvSingleThreaded&) = delete;
+
+ private:
+  int before_;
+};
+
+Result<Detection> run(const std::filesystem::path& file, const std::string& name, const Target& target, ImageSize& size) {
+  const auto grey = read_image_grey(file);
+  if (!grey) return Error{grey.error().code, grey.error().message, name};
+  size = {grey->cols, grey->rows};
+  auto found = detect_target(*grey, target);
+  if (!found) return Error{found.error().code, found.error().message, name};
+  return found;
+}
+
+Status check_sizes(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs) {
+  std::map<int, const Job*> first;
+  for (const Job& job : jobs) {
+    const auto [at, is_new] = first.try_emplace(job.cam, &job);
+    if (is_new || at->second->size == job.size) continue;
+    const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
+    return Error{ErrorCode::kInvalidData,
+                 fmt::format("{}x{} pixels, but {} of the same camera has {}x{}: one camera has one size; leave one of them out",
+                             job.size.width, job.size.height, camera.names[at->second->image], at->second->size.width,
+                             at->second->size.height),
+                 camera.names[job.image]};
+  }
+  return {};
+}
+
+/// The reason that most images of a camera share, for a run in which the camera saw nothing at all.
+std::string commonest_reason(const std::vector<Job>& jobs, int cam) {
+  std::map<std::string, int> count;
+  for (const Job& job : jobs)
+    if (job.cam == cam) ++count[job.found->value().reason];
+  return std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) { return a.second < b.second; })->first;
+}
+
+Status check_found(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+  for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
+    const auto is_here = [&](const Job& job) { return job.cam == static_cast<int>(cam) && !job.found->value().corners.empty(); };
+    if (std::any_of(jobs.begin(), jobs.end(), is_here)) continue;
+    return Error{ErrorCode::kDegenerate,
+                 fmt::format("{} is in none of the {} images ({}). Check the target's kind and counts", target.name,
+                             cameras[cam].files.size(), commonest_reason(jobs, static_cast<int>(cam))),
+                 cameras[cam].camera};
+  }
+  return {};
+}
+
+/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners come from, camera by camera where
+/// they differ.
+std::string remark(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+  std::map<std::string, std::map<int, int>> by_method;  // method -> camera -> images
+  std::map<int, int> found;
+  for (const Job& job : jobs) {
+    const Detection& d = job.found->value();
+    if (d.corners.empty()) continue;
+    ++found[job.cam];
+    ++by_method[d.method][job.cam];
+  }
+  const std::string type(target_type(target.spec));
+  if (by_method.size() == 1) return type + ": " + by_method.begin()->first;
+  std::vector<std::string> parts;
+  for (const auto& [method, counts] : by_method) {
+    std::vector<std::string> where;
+    for (const auto& [cam, n] : counts) {
+      where.push_back(fmt::format("{} {} of {}", cameras[static_cast<std::size_t>(cam)].camera, n, found[cam]));
+    }
+    parts.push_back(fmt::format("{} ({})", method, join(where, ", ")));
+  }
+  return type + ": " + join(parts, "; ");
+}
+
+std::vector<std::string> frame_keys(const std::vector<CameraImages>& cameras) {
+  std::set<std::string> keys;
+  for (const CameraImages& camera : cameras) keys.insert(camera.frames.begin(), camera.frames.end());
+  std::vector<std::string> out(keys.begin(), keys.end());
+  std::stable_sort(out.begin(), out.end(), natural_less);
+  return out;
+}
+
+Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+  Dataset data;
+  data.target = target;
+  data.frames = frame_keys(cameras);
+  data.detector = remark(cameras, jobs, target);
+  std::map<std::string, int> frame_index;
+  for (std::size_t i = 0; i < data.frames.size(); ++i) frame_index[data.frames[i]] = static_cast<int>(i);
+  for (const CameraImages& camera : cameras) data.cameras.push_back({camera.camera, {}});
+  for (const Job& job : jobs) {
+    const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
+    const Detection& found = job.found->value();
+    data.cameras[static_cast<std::size_t>(job.cam)].size = job.size;
+    data.views.push_back({job.cam, frame_index[camera.frames[job.image]], camera.names[job.image], found.corners, found.reason});
+  }
+  std::stable_sort(data.views.begin(), data.views.end(), [](const View& a, const View& b) {
+    return a.cam != b.cam ? a.cam < b.cam : natural_less(a.image, b.image);
+  });
+  return data;
+}
+
+}  // namespace
+
+Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target, const DetectOptions& options) {
+  std::vector<Job> jobs;
+  for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
+    const CameraImages& c = cameras[cam];
+    PLUMBLINE_CHECK(c.files.size() == c.names.size() && c.files.size() == c.frames.size(), "a name and a frame for each file");
+    PLUMBLINE_CHECK(!c.files.empty(), "a camera needs images");
+    for (std::size_t i = 0; i < c.files.size(); ++i) jobs.push_back({static_cast<int>(cam), i, {}, std::nullopt});
+  }
+  PLUMBLINE_CHECK(!jobs.empty(), "at least one camera is needed");
+  const int n = static_cast<int>(jobs.size());
+  std::mutex lock;
+  int done = 0;
+  {
+    const OpenCvSingleThreaded guard;
+    parallel_for(n, options.n_threads, [&](int i) {
+      Job& job = jobs[static_cast<std::size_t>(i)];
+      const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
+      job.found = run(camera.files[job.image], camera.names[job.image], target, job.size);
+      const std::lock_guard hold(lock);
+      ++done;
+      if (options.progress) options.progress(done, n);
+    });
+  }
+  for (const Job& job : jobs) {
+    if (!*job.found) return job.found->error();
+  }
+  if (auto ok = check_sizes(cameras, jobs); !ok) return ok.error();
+  if (auto ok = check_found(cameras, jobs, target); !ok) return ok.error();
+  return assemble(cameras, jobs, target);
+}
+
+}  // namespace plumbline
