@@ -19,14 +19,15 @@ struct WriteOptions {
   double rms_px = 0;                                   ///< 0: not known, not written
 };
 
-/// A format of camera files. Each knows which lenses it can express; text in, text out, so that each can be tested and
-/// fuzzed in memory. Adding one: docs/io.md.
+/// A format of camera files. Each knows which lenses it can express; text in, text out, so that each can be
+/// tested and fuzzed in memory. Adding one: docs/io.md.
 struct Format {
   std::string_view name;     ///< "opencv", what --to and --from take
   std::string_view summary;  ///< one line for help and README
   std::string_view files;    ///< "CAMERA.yml, or intrinsics.yml + extrinsics.yml"
-  std::string_view lenses;   ///< names of the lenses it can express, separated by blanks; a test holds it to that
-  bool carries_extrinsics;   ///< whether a rig comes back whole
+  std::string_view
+      lenses;  ///< names of the lenses it can express, separated by blanks; a test holds it to that
+  bool carries_extrinsics;  ///< whether a rig comes back whole
   /// kUnsupported names the lens or the number of cameras that the format cannot express.
   Result<std::vector<NamedBytes>> (*write)(const Rig&, const WriteOptions&);
   /// From the files of one rig, in the order of its cameras. nullptr: write only.
@@ -39,8 +40,8 @@ struct Format {
 std::span<const Format* const> formats();
 const Format* find_format(std::string_view name);
 
-/// Reads camera files of any known format (told from their content), Plumbline's own calibration.yaml included.
-/// `format_name` empty: find out.
+/// Reads camera files of any known format (told from their content), Plumbline's own calibration.yaml
+/// included. `format_name` empty: find out.
 Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name = "");
 
 }  // namespace plumbline

@@ -8,8 +8,8 @@
 
 namespace plumbline {
 
-/// A target from YAML text: ours (`type: chessboard ...`, see docs/target.md) or Kalibr's (`target_type: aprilgrid`,
-/// `checkerboard`, `circlegrid`) as it is. kParse names the line or the field.
+/// A target from YAML text: ours (`type: chessboard ...`, see docs/target.md) or Kalibr's (`target_type:
+/// aprilgrid`, `checkerboard`, `circlegrid`) as it is. kParse names the line or the field.
 Result<Target> parse_target(std::string_view yaml);
 
 /// Our YAML form; parse_target gives the same spec back.
