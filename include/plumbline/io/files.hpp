@@ -18,26 +18,36 @@ struct NamedBytes {
 Result<std::string> read_file(const std::filesystem::path& file);
 
 /// Writes beside the file and renames, so that the file is whole or absent; kIo (full disc, no permission,
-/// file too large) leaves nothing behind. An existing file is replaced only with `force`.
+/// file too large) leaves nothing behind. An existing file is replaced only with `force`. A device or a pipe
+/// (/dev/stdout) is written into, never replaced. A symbolic link stays, and the file it points to is
+/// written. Under a limit of file size (ulimit -f) the system also sends SIGXFSZ, which ends a program that
+/// does not ignore it: main() must.
 Status write_file(const std::filesystem::path& file, std::string_view bytes, bool force);
 
 /// A directory that appears whole or not at all: write into path(), then commit(). Without commit() (an
 /// error, an exception) it vanishes. An existing directory is replaced only with `force`, and only at
-/// commit().
+/// commit(); when that fails the old one is still there. Until then the files are in a hidden sibling
+/// (".plumbline-PID-N"); a killed program leaves that one behind.
 class OutputDir {
  public:
-  /// kIo when the directory exists and `force` is not set, or the parent cannot be written.
+  /// kIo when the directory exists and `force` is not set, when it is a file, when it is the working
+  /// directory or above it, or when its parent does not exist or cannot be written.
   static Result<OutputDir> create(const std::filesystem::path& directory, bool force);
   OutputDir(OutputDir&&) noexcept;
   OutputDir& operator=(OutputDir&&) noexcept;
   ~OutputDir();
   const std::filesystem::path& path() const { return temporary_; }
+  /// Writes path() / name, where `name` may have folders of its own; kInvalidData when it would leave the
+  /// directory.
   Status write(const std::string& name, std::string_view bytes) const;
+  /// Gives the directory its name. \pre not committed yet
   Status commit();
 
  private:
   OutputDir() = default;
+  void discard() noexcept;
   std::filesystem::path temporary_, final_;
+  bool force_ = false;
 };
 
 }  // namespace plumbline

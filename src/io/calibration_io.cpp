@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "plumbline/io/calibration_io.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <iterator>
+
+#include "io/dataset_yaml.hpp"
+#include "io/rig_yaml.hpp"
+#include "io/target_yaml.hpp"
+#include "plumbline/core/check.hpp"
+#include "plumbline/core/text.hpp"
+
+namespace plumbline {
+namespace io {
+namespace {
+
+constexpr int kCalibrationVersion = 1;
+using Names = std::vector<std::string>;
+
+template <class... Args>
+void append(std::string& out, fmt::format_string<Args...> format, Args&&... args) {
+  fmt::format_to(std::back_inserter(out), format, std::forward<Args>(args)...);
+}
+
+std::string yes_no(bool value) { return value ? "true" : "false"; }
+
+// --- summary and provenance ---
+
+void write_summary(std::string& out, const SolveStats& stats) {
+  append(out,
+         "summary:\n  rms_px: {}\n  rms_xy_px: {}\n  corners: {}\n  outliers: {}\n  iterations: {}\n  "
+         "converged: {}\n",
+         format_double(stats.rms_px), format_double(stats.rms_xy_px), stats.n_corners, stats.n_outliers,
+         stats.iterations, yes_no(stats.converged));
+  append(out, "  termination: {}\n", yaml_text(stats.termination));
+  if (!stats.weak.empty()) out += "  weak:\n";
+  for (const WeakDirection& weak : stats.weak) {
+    append(out, "    - parameters: {}\n      sigma: {}\n      consequence: {}\n", yaml_text(weak.parameters),
+           format_double(weak.sigma), yaml_text(weak.consequence));
+  }
+}
+
+SolveStats read_summary(const Field& field) {
+  field.only(
+      {"rms_px", "rms_xy_px", "corners", "outliers", "iterations", "converged", "termination", "weak"});
+  SolveStats stats;
+  stats.rms_px = field.at("rms_px").number();
+  stats.rms_xy_px = field.at("rms_xy_px").number();
+  stats.n_corners = field.at("corners").integer();
+  stats.n_outliers = field.at("outliers").integer();
+  stats.iterations = field.at("iterations").integer();
+  stats.converged = field.at("converged").boolean();
+  if (const auto termination = field.find("termination")) stats.termination = termination->text();
+  if (const auto weak = field.find("weak")) {
+    for (const Field& item : weak->items()) {
+      item.only({"parameters", "sigma", "consequence"});
+      stats.weak.push_back(
+          {item.at("parameters").text(), item.at("sigma").number(), item.at("consequence").text()});
+    }
+  }
+  return stats;
+}
+
+void write_provenance(std::string& out, const Provenance& provenance) {
+  append(out, "provenance:\n  version: {}\n  corners_hash: {}\n", yaml_text(provenance.version),
+         yaml_text(provenance.corners_hash));
+  if (!provenance.options.empty()) out += "  options:\n";
+  for (const auto& [key, value] : provenance.options)
+    append(out, "    {}: {}\n", yaml_text(key), yaml_text(value));
+}
+
+Provenance read_provenance(const Field& field) {
+  field.only({"version", "corners_hash", "options"});
+  Provenance provenance;
+  if (const auto version = field.find("version")) provenance.version = version->text();
+  if (const auto hash = field.find("corners_hash")) provenance.corners_hash = hash->text();
+  if (const auto options = field.find("options")) {
+    for (const auto& [key, value] : options->entries()) provenance.options[key] = value.text();
+  }
+  return provenance;
+}
+
+// --- data: target, frames with poses, views with residuals ---
+
+void write_view(std::string& out, const Calibration& calibration, std::size_t v) {
+  const View& view = calibration.data.views[v];
+  append(out, "  - camera: {}\n    frame: {}\n    image: {}\n",
+         yaml_text(calibration.data.cameras.at(view.cam).name),
+         yaml_text(calibration.data.frames.at(view.frame)), yaml_text(view.image));
+  if (!view.reason.empty()) append(out, "    reason: {}\n", yaml_text(view.reason));
+  if (v < calibration.view_reason.size() && !calibration.view_reason[v].empty()) {
+    append(out, "    unused: {}\n", yaml_text(calibration.view_reason[v]));
+  }
+  if (view.corners.empty()) return;
+  const bool fitted = v < calibration.fits.size() && !calibration.fits[v].empty();
+  PLUMBLINE_CHECK(!fitted || calibration.fits[v].size() == view.corners.size(),
+                  "a view needs one fit per corner");
+  out += "    corners: |\n";
+  for (std::size_t i = 0; i < view.corners.size(); ++i) {
+    out += "      ";
+    write_corner(out, view.corners[i]);
+    if (fitted) {
+      const CornerFit& fit = calibration.fits[v][i];
+      append(out, " {} {} {}", format_double(fit.residual_px.x()), format_double(fit.residual_px.y()),
+             fit.outlier ? 1 : 0);
+    }
+    out += '\n';
+  }
+}
+
+void read_view(const Field& field, const Names& cameras, Calibration& calibration) {
+  field.only({"camera", "frame", "image", "reason", "unused", "corners"});
+  View view;
+  std::vector<CornerFit> fits;
+  view.cam = index_of(field.at("camera"), cameras, "camera");
+  view.frame = index_of(field.at("frame"), calibration.data.frames, "frame");
+  view.image = field.at("image").text();
+  if (const auto reason = field.find("reason")) view.reason = reason->text();
+  const auto unused = field.find("unused");
+  if (const auto block = field.find("corners")) {
+    for_each_row(block->text(), [&](int line, const auto& words) {
+      const bool fitted = words.size() == 7;
+      if ((!fitted && words.size() != 4) || (!view.corners.empty() && fitted == fits.empty())) {
+        block->fail(fmt::format(
+            "row {}: 'point x y sigma' or 'point x y sigma dx dy outlier' is needed, in all rows", line));
+      }
+      view.corners.push_back(read_corner(*block, line, words));
+      if (!fitted) return;
+      if (words[6] != "0" && words[6] != "1")
+        block->fail(fmt::format("row {}: outlier must be 0 or 1", line));
+      fits.push_back(
+          {{read_word(*block, line, words[4]), read_word(*block, line, words[5])}, words[6] == "1"});
+    });
+  }
+  calibration.data.views.push_back(std::move(view));
+  calibration.fits.push_back(std::move(fits));
+  calibration.view_reason.push_back(unused ? unused->text() : "");
+}
+
+bool same_cameras(const Calibration& calibration) {
+  const auto& of_data = calibration.data.cameras;
+  const auto& of_rig = calibration.rig.cameras;
+  if (of_data.size() != of_rig.size()) return false;
+  for (std::size_t i = 0; i < of_data.size(); ++i) {
+    if (of_data[i].name != of_rig[i].name || !(of_data[i].size == of_rig[i].size)) return false;
+  }
+  return true;
+}
+
+void write_data(std::string& out, const Calibration& calibration) {
+  const Dataset& data = calibration.data;
+  out += "target:\n";
+  write_target(out, "  ", data.target);
+  if (!data.detector.empty()) append(out, "detector: {}\n", yaml_text(data.detector));
+  if (!same_cameras(calibration)) {
+    out += data.cameras.empty() ? "data_cameras: []\n" : "data_cameras:\n";
+    for (const CameraInfo& camera : data.cameras) append(out, "  - {}\n", camera_info_text(camera));
+  }
+  out += data.frames.empty() ? "frames: []\n" : "frames:\n";
+  for (std::size_t f = 0; f < data.frames.size(); ++f) {
+    append(out, "  - name: {}\n", yaml_text(data.frames[f]));
+    const bool has_pose = f < calibration.T_rig_board.size() && calibration.T_rig_board[f];
+    if (has_pose) append(out, "    T_rig_board: {}\n", pose_text(*calibration.T_rig_board[f]));
+  }
+  if (!data.views.empty())
+    out +=
+        "# rows of corners: point x y sigma, then where used: residual dx dy (projected - measured), "
+        "outlier\n";
+  out += data.views.empty() ? "views: []\n" : "views:\n";
+  for (std::size_t v = 0; v < data.views.size(); ++v) write_view(out, calibration, v);
+}
+
+void read_data(const Field& root, Calibration& calibration) {
+  Dataset& data = calibration.data;
+  data.target = read_target(root.at("target"));
+  if (const auto detector = root.find("detector")) data.detector = detector->text();
+  if (const auto cameras = root.find("data_cameras")) {
+    for (const Field& camera : cameras->items()) data.cameras.push_back(read_camera_info(camera));
+  } else {
+    for (const Camera& camera : calibration.rig.cameras) data.cameras.push_back({camera.name, camera.size});
+  }
+  Names names;
+  for (const CameraInfo& camera : data.cameras) names.push_back(camera.name);
+  for (const Field& frame : root.at("frames").items()) {
+    frame.only({"name", "T_rig_board"});
+    data.frames.push_back(frame.at("name").text());
+    const auto pose = frame.find("T_rig_board");
+    calibration.T_rig_board.push_back(pose ? std::optional(read_pose(*pose)) : std::nullopt);
+  }
+  unique_names(root.at("frames"), data.frames);
+  for (const Field& view : root.at("views").items()) read_view(view, names, calibration);
+}
+
+// --- covariance ---
+
+void write_covariance(std::string& out, const MatX& covariance) {
+  out +=
+      "# of the shared parameters: lens parameters camera by camera, then rotation [rad] and translation [m] "
+      "of each T_cam_rig but the first\n";
+  out += "covariance: |\n";
+  for (Eigen::Index r = 0; r < covariance.rows(); ++r) {
+    out += "  ";
+    for (Eigen::Index c = 0; c < covariance.cols(); ++c) {
+      if (c > 0) out += ' ';
+      out += format_double(covariance(r, c));
+    }
+    out += '\n';
+  }
+}
+
+MatX read_covariance(const Field& block, const Rig& rig) {
+  const auto n = static_cast<Eigen::Index>(shared_parameter_names(rig).size());
+  std::vector<double> values;
+  for_each_row(block.text(), [&](int line, const auto& words) {
+    if (static_cast<Eigen::Index>(words.size()) != n) {
+      block.fail(fmt::format("row {}: {} numbers are needed, there are {}", line, n, words.size()));
+    }
+    for (std::string_view word : words) values.push_back(read_word(block, line, word));
+  });
+  if (static_cast<Eigen::Index>(values.size()) != n * n) {
+    block.fail(fmt::format("{} rows are needed, there are {}", n, values.size() / n));
+  }
+  return Eigen::Map<const MatX>(values.data(), n, n).transpose();
+}
+
+Result<Calibration> read_calibration(const Field& root) {
+  if (!root.is_map() || !root.has("plumbline_calibration")) {
+    root.fail("not a calibration: it has no 'plumbline_calibration'");
+  }
+  check_version(root, "plumbline_calibration", kCalibrationVersion);
+  root.only({"plumbline_calibration", "cameras", "T_cam_rig", "summary", "provenance", "target", "detector",
+             "data_cameras", "frames", "views", "covariance"});
+  Calibration calibration;
+  calibration.rig = read_rig_fields(root);
+  if (const auto summary = root.find("summary")) calibration.stats = read_summary(*summary);
+  if (const auto provenance = root.find("provenance")) calibration.provenance = read_provenance(*provenance);
+  if (const auto covariance = root.find("covariance")) {
+    calibration.covariance = read_covariance(*covariance, calibration.rig);
+  }
+  if (!root.has("target")) return calibration;  // a rig and nothing else
+  read_data(root, calibration);
+  if (Status valid = validate(calibration.data); !valid) return valid.error();
+  return calibration;
+}
+
+}  // namespace
+
+Camera read_camera(const Field& field) {
+  field.only({"name", "width", "height", "lens", "parameters"});
+  const Field parameters = field.at("parameters");
+  const std::string lens = field.at("lens").text();
+  const ImageSize size{field.at("width").integer(1, 1'000'000), field.at("height").integer(1, 1'000'000)};
+  const Lens names = value_or_throw(make_lens(lens, size, 1.0), field.at("lens"));
+  std::vector<double> values;
+  for (std::string_view name : param_names(names)) values.push_back(parameters.at(name).number());
+  for (const auto& [key, value] : parameters.entries()) {
+    const auto known = param_names(names);
+    if (std::find(known.begin(), known.end(), key) == known.end()) {
+      value.fail(fmt::format("lens {} has no parameter '{}'", lens, key.substr(0, 40)));
+    }
+  }
+  return {field.at("name").text(), size, value_or_throw(make_lens(lens, values), parameters)};
+}
+
+Rig read_rig_fields(const Field& root) {
+  Rig rig;
+  Names names;
+  for (const Field& camera : root.at("cameras").items()) {
+    rig.cameras.push_back(read_camera(camera));
+    names.push_back(rig.cameras.back().name);
+  }
+  if (names.empty()) root.at("cameras").fail("there is no camera");
+  unique_names(root.at("cameras"), names);
+  const Field poses = root.at("T_cam_rig");
+  for (const auto& [name, pose] : poses.entries()) {
+    const std::size_t i = rig.T_cam_rig.size();
+    if (i >= names.size() || name != names[i])
+      poses.fail("one pose for each camera is needed, in the order of the cameras");
+    rig.T_cam_rig.push_back(read_pose(pose));
+  }
+  if (rig.T_cam_rig.size() != names.size())
+    poses.fail("one pose for each camera is needed, in the order of the cameras");
+  return rig;
+}
+
+void write_rig_fields(std::string& out, const Rig& rig) {
+  PLUMBLINE_CHECK(rig.T_cam_rig.size() == rig.cameras.size(), "a rig needs one pose per camera");
+  out += "cameras:\n";
+  for (const Camera& camera : rig.cameras) {
+    append(out, "  - name: {}\n    width: {}\n    height: {}\n    lens: {}\n    parameters:\n",
+           yaml_text(camera.name), camera.size.width, camera.size.height, lens_name(camera.lens));
+    const auto names = param_names(camera.lens);
+    const auto values = params(camera.lens);
+    for (std::size_t i = 0; i < names.size(); ++i)
+      append(out, "      {}: {}\n", names[i], format_double(values[i]));
+  }
+  out += "T_cam_rig:\n";
+  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    append(out, "  {}: {}\n", yaml_text(rig.cameras[i].name), pose_text(rig.T_cam_rig[i]));
+  }
+}
+
+}  // namespace io
+
+std::string format_calibration(const Calibration& calibration) {
+  std::string out =
+      "# Plumbline calibration. p_cam = T_cam_rig * T_rig_board * p_board; metres, radians, pixels; the "
+      "centre of the\n"
+      "# top-left pixel is (0, 0); x right, y down, z forward; quaternions are w, x, y, z.\n";
+  io::append(out, "plumbline_calibration: {}\n", io::kCalibrationVersion);
+  io::write_rig_fields(out, calibration.rig);
+  io::write_summary(out, calibration.stats);
+  io::write_provenance(out, calibration.provenance);
+  if (calibration.covariance) io::write_covariance(out, *calibration.covariance);
+  if (!calibration.data.target.points.empty()) io::write_data(out, calibration);
+  return out;
+}
+
+Result<Calibration> parse_calibration(std::string_view yaml) {
+  return io::read_yaml<Calibration>(yaml, "", io::read_calibration);
+}
+
+}  // namespace plumbline

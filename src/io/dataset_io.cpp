@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "plumbline/io/dataset_io.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <set>
+
+#include "io/dataset_yaml.hpp"
+#include "io/target_yaml.hpp"
+#include "plumbline/core/check.hpp"
+#include "plumbline/core/text.hpp"
+
+namespace plumbline {
+namespace io {
+
+double read_word(const Field& block, int line, std::string_view word) {
+  const auto value = parse_double(word);
+  if (!value) {
+    block.fail(fmt::format("row {}: a finite number is needed, not '{}'", line, word.substr(0, 40)));
+  }
+  return *value;
+}
+
+Corner read_corner(const Field& block, int line, const std::vector<std::string_view>& words) {
+  const auto point = parse_int(words[0]);
+  if (!point)
+    block.fail(
+        fmt::format("row {}: the number of a point is needed, not '{}'", line, words[0].substr(0, 40)));
+  Corner corner;
+  corner.point = *point;
+  corner.px = {read_word(block, line, words[1]), read_word(block, line, words[2])};
+  corner.sigma_px = read_word(block, line, words[3]);
+  return corner;
+}
+
+void write_corner(std::string& out, const Corner& corner) {
+  fmt::format_to(std::back_inserter(out), "{} ", corner.point);
+  out += format_double(corner.px.x());
+  out += ' ';
+  out += format_double(corner.px.y());
+  out += ' ';
+  out += format_double(corner.sigma_px);
+}
+
+void check_version(const Field& root, std::string_view key, int newest) {
+  const Field version = root.at(key);
+  const int number = version.integer(1, 1'000'000);
+  if (number > newest) {
+    version.fail(
+        fmt::format("version {} was written by a newer Plumbline; this one reads up to {}", number, newest),
+        ErrorCode::kUnsupported);
+  }
+}
+
+CameraInfo read_camera_info(const Field& field) {
+  field.only({"name", "width", "height"});
+  return {field.at("name").text(),
+          {field.at("width").integer(1, 1'000'000), field.at("height").integer(1, 1'000'000)}};
+}
+
+std::string camera_info_text(const CameraInfo& camera) {
+  return fmt::format("{{name: {}, width: {}, height: {}}}", yaml_text(camera.name), camera.size.width,
+                     camera.size.height);
+}
+
+int index_of(const Field& name, const std::vector<std::string>& names, std::string_view what) {
+  const std::string word = name.text();
+  const auto found = std::find(names.begin(), names.end(), word);
+  if (found == names.end()) name.fail(fmt::format("there is no {} '{}'", what, word.substr(0, 80)));
+  return static_cast<int>(found - names.begin());
+}
+
+std::vector<std::string> unique_names(const Field& list, const std::vector<std::string>& names) {
+  std::set<std::string_view> seen;
+  for (const std::string& name : names) {
+    if (!seen.insert(name).second) list.fail(fmt::format("the name '{}' is there twice", name.substr(0, 80)));
+  }
+  return names;
+}
+
+namespace {
+
+constexpr int kCornersVersion = 1;
+
+View read_view(const Field& field, const std::vector<std::string>& cameras,
+               const std::vector<std::string>& frames) {
+  field.only({"camera", "frame", "image", "reason", "corners"});
+  View view;
+  view.cam = index_of(field.at("camera"), cameras, "camera");
+  view.frame = index_of(field.at("frame"), frames, "frame");
+  view.image = field.at("image").text();
+  if (const auto reason = field.find("reason")) view.reason = reason->text();
+  if (const auto block = field.find("corners")) {
+    for_each_row(block->text(), [&](int line, const auto& words) {
+      if (words.size() != 4) block->fail(fmt::format("row {}: 'point x y sigma' is needed", line));
+      view.corners.push_back(read_corner(*block, line, words));
+    });
+  }
+  return view;
+}
+
+Result<Dataset> read_corners(const Field& root) {
+  if (!root.is_map() || !root.has("plumbline_corners"))
+    root.fail("not a corners file: it has no 'plumbline_corners'");
+  check_version(root, "plumbline_corners", kCornersVersion);
+  root.only({"plumbline_corners", "target", "detector", "cameras", "frames", "views"});
+  Dataset data;
+  data.target = read_target(root.at("target"));
+  if (const auto detector = root.find("detector")) data.detector = detector->text();
+  std::vector<std::string> cameras;
+  for (const Field& camera : root.at("cameras").items()) {
+    data.cameras.push_back(read_camera_info(camera));
+    cameras.push_back(data.cameras.back().name);
+  }
+  unique_names(root.at("cameras"), cameras);
+  for (const Field& frame : root.at("frames").items()) data.frames.push_back(frame.text());
+  unique_names(root.at("frames"), data.frames);
+  for (const Field& view : root.at("views").items())
+    data.views.push_back(read_view(view, cameras, data.frames));
+  if (Status valid = validate(data); !valid) return valid.error();
+  return data;
+}
+
+}  // namespace
+}  // namespace io
+
+std::string format_corners(const Dataset& data) {
+  std::string out =
+      "# Plumbline corners: pixels, the centre of the top-left pixel is (0, 0). Rows: point x y sigma.\n";
+  out += fmt::format("plumbline_corners: {}\ntarget:\n", io::kCornersVersion);
+  io::write_target(out, "  ", data.target);
+  if (!data.detector.empty()) out += fmt::format("detector: {}\n", io::yaml_text(data.detector));
+  out += data.cameras.empty() ? "cameras: []\n" : "cameras:\n";
+  for (const CameraInfo& camera : data.cameras) out += fmt::format("  - {}\n", io::camera_info_text(camera));
+  std::vector<std::string> frames;
+  for (const std::string& frame : data.frames) frames.push_back(io::yaml_text(frame));
+  out += fmt::format("frames: [{}]\n", join(frames, ", "));
+  out += data.views.empty() ? "views: []\n" : "views:\n";
+  for (const View& view : data.views) {
+    out += fmt::format("  - camera: {}\n    frame: {}\n    image: {}\n",
+                       io::yaml_text(data.cameras.at(view.cam).name), frames.at(view.frame),
+                       io::yaml_text(view.image));
+    if (!view.reason.empty()) out += fmt::format("    reason: {}\n", io::yaml_text(view.reason));
+    if (!view.corners.empty()) out += "    corners: |\n";
+    for (const Corner& corner : view.corners) {
+      out += "      ";
+      io::write_corner(out, corner);
+      out += '\n';
+    }
+  }
+  return out;
+}
+
+Result<Dataset> parse_corners(std::string_view yaml) {
+  return io::read_yaml<Dataset>(yaml, "", io::read_corners);
+}
+
+}  // namespace plumbline

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/yaml.hpp"
+#include "plumbline/rig/dataset.hpp"
+
+/// Pieces that corners.yaml and calibration.yaml share.
+namespace plumbline::io {
+
+/// Calls row(line number in the block, words of the line) for every line that is not blank. `words` is used
+/// again for the next line, so that a block of many corners costs no allocation.
+template <class Row>
+void for_each_row(std::string_view block, Row&& row) {
+  std::vector<std::string_view> words;
+  for (int line = 1; !block.empty(); ++line) {
+    const auto end = block.find('\n');
+    std::string_view rest = block.substr(0, end);
+    block = end == std::string_view::npos ? std::string_view{} : block.substr(end + 1);
+    words.clear();
+    for (;;) {
+      const auto first = rest.find_first_not_of(" \t\r");
+      if (first == std::string_view::npos) break;
+      rest.remove_prefix(first);
+      const auto last = rest.find_first_of(" \t\r");
+      words.push_back(rest.substr(0, last));
+      rest = last == std::string_view::npos ? std::string_view{} : rest.substr(last);
+    }
+    if (!words.empty()) row(line, words);
+  }
+}
+
+/// "point x y sigma" of a line; fails with the number of the line within the block.
+Corner read_corner(const Field& block, int line, const std::vector<std::string_view>& words);
+double read_word(const Field& block, int line, std::string_view word);
+void write_corner(std::string& out, const Corner& corner);
+
+/// "version: 1" under `key`; kUnsupported for a newer one.
+void check_version(const Field& root, std::string_view key, int newest);
+
+CameraInfo read_camera_info(const Field& field);
+std::string camera_info_text(const CameraInfo& camera);
+
+/// Position of a name in a list of names; fails when it is not there.
+int index_of(const Field& name, const std::vector<std::string>& names, std::string_view what);
+
+/// The names; fails where one is there twice.
+std::vector<std::string> unique_names(const Field& list, const std::vector<std::string>& names);
+
+}  // namespace plumbline::io
