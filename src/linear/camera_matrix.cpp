@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "plumbline/linear/camera_matrix.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "linear/dlt.hpp"
+#include "plumbline/core/linalg.hpp"
+
+namespace plumbline {
+namespace {
+
+constexpr const char* kWhere = "camera matrix";
+constexpr double kLeverageLeft = 1e-10;  // as in homography.cpp, for planes instead of lines
+
+Error degenerate(std::string text) { return {ErrorCode::kDegenerate, std::move(text), kWhere}; }
+
+std::optional<Error> refuse_plane(const detail::Spread& s, Eigen::Index n) {
+  if (s.flatness() < detail::kFlat) {
+    return degenerate(fmt::format(
+        "the {} points are coplanar (thickness over extent {:.2g}, at least {:.0e} is needed): a plane does "
+        "not "
+        "determine a camera matrix; use a target with depth, or the homographies of several flat views",
+        n, s.flatness(), detail::kFlat));
+  }
+  if (1 - s.leverage < kLeverageLeft) {
+    return degenerate(
+        fmt::format("all but one of the {} points are coplanar (1 - leverage {:.2g}, at least {:.0e} is "
+                    "needed), which does not "
+                    "determine a camera matrix; add points off that plane",
+                    n, 1 - s.leverage, kLeverageLeft));
+  }
+  return std::nullopt;
+}
+
+std::optional<Error> refuse_solution(const detail::DltSolution& solution) {
+  if (solution.determinacy() < detail::kRankTolerance) {
+    return degenerate(
+        fmt::format("more than one camera matrix fits (singular value ratio {:.2g}, at least {:.0e} is "
+                    "needed): the points lie in "
+                    "a plane and on a line, or on a twisted cubic through the camera; add points elsewhere",
+                    solution.determinacy(), detail::kRankTolerance));
+  }
+  const Vec3 s = svd3(Mat3(solution.H.leftCols(3))).s;
+  if (s[2] < detail::kRankTolerance * s[0]) {
+    return degenerate(
+        fmt::format("the camera matrix is singular (singular value ratio {:.2g}, at least {:.0e} is needed): "
+                    "the points do not "
+                    "correspond, or a camera at infinity took them; check the order of the points",
+                    s[2] / s[0], detail::kRankTolerance));
+  }
+  return std::nullopt;
+}
+
+Error not_finite() {
+  return {ErrorCode::kInvalidData, "a coordinate is not a finite number; remove that point", kWhere};
+}
+
+}  // namespace
+
+Result<Mat34> camera_matrix(std::span<const Vec3> p_world, std::span<const Vec2> px) {
+  PLUMBLINE_CHECK(p_world.size() == px.size() && px.size() >= 6,
+                  "camera_matrix needs as many points as pixels, 6 or more");
+  const MatX X = detail::as_matrix(p_world), x = detail::as_matrix(px);
+  if (!X.allFinite() || !x.allFinite()) return not_finite();
+  const detail::Spread sX = detail::spread(X), sx = detail::spread(x);
+  if (const auto e = refuse_plane(sX, X.cols())) return *e;
+  if (sx.flatness() < detail::kFlat) {
+    return degenerate(
+        fmt::format("the {} pixels lie on a line (width over length {:.2g}); a camera cannot see points "
+                    "with depth so: check the order of the points",
+                    px.size(), sx.flatness()));
+  }
+  const Mat4 TX = detail::normalising_similarity(sX);
+  const Mat3 Tx = detail::normalising_similarity(sx);
+  const detail::DltSolution solution = detail::solve_dlt(
+      detail::to_homogeneous(TX, X), detail::pixel_constraints(detail::to_homogeneous(Tx, x)));
+  if (const auto e = refuse_solution(solution)) return *e;
+  Mat34 P = Tx.inverse() * Mat34(solution.H) * TX;
+  P /= P.row(2).head<3>().norm();
+  double depth = 0;
+  for (const Vec3& p : p_world) depth += P.row(2).dot(p.homogeneous());
+  return depth < 0 ? Mat34(-P) : P;
+}
+
+Result<Mat34> camera_matrix_to_rays(std::span<const Vec3> p_world, std::span<const Vec3> rays_cam) {
+  PLUMBLINE_CHECK(p_world.size() == rays_cam.size() && rays_cam.size() >= 6,
+                  "camera_matrix_to_rays needs as many points as rays, 6 or more");
+  const MatX X = detail::as_matrix(p_world);
+  if (!X.allFinite() || !detail::as_matrix(rays_cam).allFinite()) return not_finite();
+  const detail::Spread sX = detail::spread(X);
+  if (const auto e = refuse_plane(sX, X.cols())) return *e;
+  const detail::PreparedRays prepared = detail::prepare_rays(rays_cam);
+  if (prepared.flatness < detail::kFlat) {
+    return degenerate(
+        fmt::format("the {} rays lie in one plane (flatness {:.2g}); a camera cannot see points with "
+                    "depth so: check the order of the points",
+                    rays_cam.size(), prepared.flatness));
+  }
+  const Mat4 TX = detail::normalising_similarity(sX);
+  const detail::DltSolution solution =
+      detail::solve_dlt(detail::to_homogeneous(TX, X), detail::ray_constraints(prepared.rays));
+  if (const auto e = refuse_solution(solution)) return *e;
+  Mat34 P = prepared.T.inverse() * Mat34(solution.H) * TX;
+  P /= std::cbrt(std::abs(P.leftCols<3>().determinant()));
+  double along = 0;
+  for (std::size_t i = 0; i < p_world.size(); ++i) {
+    along += rays_cam[i].dot((P * p_world[i].homogeneous()).normalized());
+  }
+  return along < 0 ? Mat34(-P) : P;
+}
+
+}  // namespace plumbline
