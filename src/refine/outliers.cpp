@@ -14,7 +14,9 @@ namespace {
 
 constexpr double kSmallestSigmaPx = 0.01;
 
-double weight_of(const Corner& c, const RefineOptions& options) { return options.use_sigma ? 1.0 / c.sigma_px : 1.0; }
+double weight_of(const Corner& c, const RefineOptions& options) {
+  return options.use_sigma ? 1.0 / c.sigma_px : 1.0;
+}
 
 std::vector<double> robust_sigmas(const Calibration& cal, const std::vector<std::vector<bool>>& lost,
                                   const RefineOptions& options) {
@@ -80,8 +82,9 @@ bool mark_outliers(Calibration& cal, const RefineOptions& options) {
       n_kept += !fit.outlier;
     }
     if (n_kept >= 4 && 4 * n_kept >= view.corners.size()) continue;
-    drop_view(cal, v, fmt::format("only {} of its {} corners agree with the other views to {:.2g} px", n_kept,
-                                  view.corners.size(), bound));
+    drop_view(cal, v,
+              fmt::format("only {} of its {} corners agree with the other views to {:.2g} px", n_kept,
+                          view.corners.size(), bound));
     changed = true;
   }
   return changed;

@@ -77,7 +77,8 @@ class ViewCost final : public ceres::CostFunction {
       const Observation& o = observations_[i];
       const Vec3 turned_board = R_rig_board * o.p_board;
       const Vec3 turned_rig = R_cam_rig * (turned_board + t_rig_board);
-      const auto px = lens.project(turned_rig + t_cam_rig, wants_p ? &J_px_p : nullptr, wants_k ? &J_px_k : nullptr);
+      const auto px =
+          lens.project(turned_rig + t_cam_rig, wants_p ? &J_px_p : nullptr, wants_k ? &J_px_k : nullptr);
       if (!px) return false;
       const Vec2 r = o.weight * (*px - o.px);
       const Scaling scaling = scaling_of(loss_, loss_scale_, r.squaredNorm());
@@ -87,7 +88,8 @@ class ViewCost final : public ceres::CostFunction {
       // d(r')/d(px)
       const Mat2 J_r_px = o.weight * (scaling.f * Mat2::Identity() + 2 * scaling.f_s * r * r.transpose());
       if (wants_k) {
-        Eigen::Map<Eigen::Matrix<double, 2, L::kNumParams, Eigen::RowMajor>> J(jacobians[0] + 2 * i * L::kNumParams);
+        Eigen::Map<Eigen::Matrix<double, 2, L::kNumParams, Eigen::RowMajor>> J(jacobians[0] +
+                                                                               2 * i * L::kNumParams);
         J.noalias() = J_r_px * J_px_k;
       }
       if (!wants_p) continue;
@@ -170,7 +172,8 @@ class PoseManifold final : public ceres::Manifold {
     Mat6 step = Mat6::Identity();
     if (by_rotation_vector_) step.topLeftCorner<3, 3>() = so3_left_jacobian_inverse(so3_log(pose_of(x).R()));
     for (std::size_t i = 0; i < free_.size(); ++i) {
-      for (int column = 0; column < 7; ++column) jacobian[7 * i + column] = column < 6 ? step(free_[i], column) : 0.0;
+      for (int column = 0; column < 7; ++column)
+        jacobian[7 * i + column] = column < 6 ? step(free_[i], column) : 0.0;
     }
     return true;
   }
@@ -182,8 +185,8 @@ class PoseManifold final : public ceres::Manifold {
 
 }  // namespace
 
-std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations, Loss loss,
-                                                    double loss_scale) {
+std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
+                                                    Loss loss, double loss_scale) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
         return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale);

@@ -50,7 +50,8 @@ double median(std::vector<double> values) {
 
 double diagonal_px(ImageSize size) { return std::hypot(size.width, size.height); }
 
-std::vector<double> errors_px(const Lens& lens, const SE3& T_cam_board, const Target& target, const View& view, double lost) {
+std::vector<double> errors_px(const Lens& lens, const SE3& T_cam_board, const Target& target,
+                              const View& view, double lost) {
   std::vector<double> errors;
   for (const Corner& c : view.corners) {
     const auto px = project(lens, T_cam_board * target.points[c.point]);
@@ -65,7 +66,8 @@ double rms(const std::vector<double>& errors) {
   return errors.empty() ? 0 : std::sqrt(sum / static_cast<double>(errors.size()));
 }
 
-std::optional<SE3> pose_of_corners(const Lens& lens, const Target& target, const View& view, const std::vector<bool>& use) {
+std::optional<SE3> pose_of_corners(const Lens& lens, const Target& target, const View& view,
+                                   const std::vector<bool>& use) {
   std::vector<Vec3> p_board;
   std::vector<Vec2> px;
   for (std::size_t i = 0; i < view.corners.size(); ++i) {
@@ -87,8 +89,8 @@ std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View&
   const auto first = pose_of_corners(lens, target, view, use);
   if (!first) return std::nullopt;
   const std::vector<double> errors = errors_px(lens, *first, target, view, kLost);
-  // One corner far off bends a least-squares pose: leave out what is beyond six times the median, and keep the new pose
-  // when most corners agree better with it.
+  // One corner far off bends a least-squares pose: leave out what is beyond six times the median, and keep
+  // the new pose when most corners agree better with it.
   const double typical = median(errors), bound = 6 * typical + 1e-6;
   if (*std::max_element(errors.begin(), errors.end()) <= bound) return first;
   for (std::size_t i = 0; i < use.size(); ++i) use[i] = errors[i] <= bound;
@@ -118,7 +120,7 @@ void bring_back(Calibration& cal) {
 
 namespace {
 
-constexpr int kSubsetViews = 16;    // enough to tell focal lengths apart, few enough to try several
+constexpr int kSubsetViews = 16;  // enough to tell focal lengths apart, few enough to try several
 constexpr int kCandidates = 5;
 
 // Views spread evenly over those that have enough corners.
@@ -138,8 +140,9 @@ Dataset with_views(const Dataset& mono, const std::vector<int>& views) {
   return subset;
 }
 
-// Which parameters are free while the lens is still far off: focal lengths and the first radial term, then all but the
-// high orders (which would otherwise fit the error of the start and fold the image back over itself), then all.
+// Which parameters are free while the lens is still far off: focal lengths and the first radial term, then
+// all but the high orders (which would otherwise fit the error of the start and fold the image back over
+// itself), then all.
 bool free_at_stage(std::string_view name, int stage) {
   if (stage >= 2) return true;
   if (stage == 0) return name == "fx" || name == "fy" || name == "k1";
@@ -148,16 +151,21 @@ bool free_at_stage(std::string_view name, int stage) {
 
 SolveSpec seed_spec(const Calibration& cal, int stage, int max_iterations, const RefineOptions& options,
                     const std::vector<bool>& held) {
-  SolveSpec spec{.loss = Loss::kCauchy, .loss_scale = robust_scale_px(cal), .max_iterations = max_iterations, .tight = false,
+  SolveSpec spec{.loss = Loss::kCauchy,
+                 .loss_scale = robust_scale_px(cal),
+                 .max_iterations = max_iterations,
+                 .tight = false,
                  .held = held};
   spec.use_sigma = false;  // seeds compare pixels
   (void)options;
   const auto names = param_names(cal.rig.cameras[0].lens);
-  for (std::size_t i = 0; i < names.size(); ++i) spec.held[i] = spec.held[i] || !free_at_stage(names[i], stage);
+  for (std::size_t i = 0; i < names.size(); ++i)
+    spec.held[i] = spec.held[i] || !free_at_stage(names[i], stage);
   return spec;
 }
 
-// Gives each view the pose that fits better: the one it has or a fresh one for the present lens. Views without any leave.
+// Gives each view the pose that fits better: the one it has or a fresh one for the present lens. Views
+// without any leave.
 void pose_views(Calibration& cal) {
   const Lens& lens = cal.rig.cameras[0].lens;
   const double lost = 0.05 * diagonal_px(cal.rig.cameras[0].size);
@@ -184,8 +192,7 @@ double score_px(const Calibration& cal) {
     const View& view = cal.data.views[v];
     if (view.corners.empty()) continue;
     const auto& pose = cal.T_rig_board[view.frame];
-    const double e =
-        pose ? rms(errors_px(cal.rig.cameras[0].lens, *pose, cal.data.target, view, cap)) : cap;
+    const double e = pose ? rms(errors_px(cal.rig.cameras[0].lens, *pose, cal.data.target, view, cap)) : cap;
     sum += e * e;
     ++n;
   }
@@ -197,7 +204,8 @@ struct Candidate {
   double score = 0;
 };
 
-std::optional<Lens> lens_with(const std::string& name, ImageSize size, double fx, double fy, double cx, double cy) {
+std::optional<Lens> lens_with(const std::string& name, ImageSize size, double fx, double fy, double cx,
+                              double cy) {
   auto lens = make_lens(name, size, fx);
   if (!lens) return std::nullopt;
   const auto k = params(*lens);
@@ -208,7 +216,8 @@ std::optional<Lens> lens_with(const std::string& name, ImageSize size, double fx
 }
 
 // K of a closed form becomes a candidate when it is a camera that could exist.
-void add_closed_form(std::vector<Lens>& list, const Mat3& K, const std::string& name, ImageSize size, bool centre_held) {
+void add_closed_form(std::vector<Lens>& list, const Mat3& K, const std::string& name, ImageSize size,
+                     bool centre_held) {
   const double fx = K(0, 0), fy = K(1, 1), w = size.width, h = size.height;
   if (!(fx > 0.02 * w) || !(fx < 100 * w) || !(fy > 0.5 * fx) || !(fy < 2 * fx)) return;
   const bool centre_ok = !centre_held && K(0, 2) > 0 && K(0, 2) < w && K(1, 2) > 0 && K(1, 2) < h;
@@ -256,8 +265,9 @@ void add_dlt(std::vector<Lens>& list, const Dataset& subset, const std::string& 
   }
 }
 
-// A geometric grid of focal lengths without distortion: from a lens that sees 180 degrees in a tenth of the image's width
-// to one that sees 7 degrees. Fisheyes and pinholes alike; the lens' own projection decides which fits.
+// A geometric grid of focal lengths without distortion: from a lens that sees 180 degrees in a tenth of the
+// image's width to one that sees 7 degrees. Fisheyes and pinholes alike; the lens' own projection decides
+// which fits.
 void add_scan(std::vector<Lens>& list, const std::string& name, ImageSize size) {
   const double width = std::max(size.width, size.height);
   for (double ratio = 0.15; ratio < 8.5; ratio *= 1.2) {
@@ -306,8 +316,8 @@ bool points_lie_at_z0(const Target& target) {
 
 }  // namespace
 
-Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name, const RefineOptions& options,
-                                const std::vector<bool>& held) {
+Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
+                                const RefineOptions& options, const std::vector<bool>& held) {
   const ImageSize size = mono.cameras[0].size;
   const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
   const bool centre_held = held[2] || held[3];
@@ -337,11 +347,13 @@ Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_nam
     best_score = score;
   }
   if (!best) {
-    return Error{ErrorCode::kNotConverged,
-                 fmt::format("no focal length between {:.0f} and {:.0f} px leads to a finite optimum of lens {}; check the "
-                             "target's size and the lens",
-                             0.15 * size.width, 8.0 * size.width, lens_name),
-                 "camera " + mono.cameras[0].name};
+    return Error{
+        ErrorCode::kNotConverged,
+        fmt::format(
+            "no focal length between {:.0f} and {:.0f} px leads to a finite optimum of lens {}; check the "
+            "target's size and the lens",
+            0.15 * size.width, 8.0 * size.width, lens_name),
+        "camera " + mono.cameras[0].name};
   }
 
   // All views, from the lens that the subset gave.
@@ -355,7 +367,8 @@ Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_nam
   }
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     if (cal.fits[v].empty() && !cal.data.views[v].corners.empty()) {
-      cal.view_reason[v] = fmt::format("no pose of the board fits its {} corners", cal.data.views[v].corners.size());
+      cal.view_reason[v] =
+          fmt::format("no pose of the board fits its {} corners", cal.data.views[v].corners.size());
     }
   }
   return cal;

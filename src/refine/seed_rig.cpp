@@ -14,7 +14,8 @@ namespace plumbline::detail {
 
 namespace {
 
-std::optional<std::vector<int>> permutation_by(const SE3& T, const std::vector<Vec3>& points, double tolerance_m) {
+std::optional<std::vector<int>> permutation_by(const SE3& T, const std::vector<Vec3>& points,
+                                               double tolerance_m) {
   std::vector<int> permutation;
   for (const Vec3& p : points) {
     const Vec3 moved = T * p;
@@ -68,12 +69,13 @@ struct Placement {
 
 // One camera's view of a frame whose board pose is known from the cameras placed before.
 struct SharedFrame {
-  int view = 0;      // of the whole data set
-  SE3 T_rig_board;   // known
-  SE3 T_cam_board;   // from this camera alone
+  int view = 0;     // of the whole data set
+  SE3 T_rig_board;  // known
+  SE3 T_cam_board;  // from this camera alone
 };
 
-double error_px(const Calibration& cal, const SharedFrame& frame, const SE3& T_cam_rig, const Symmetry& symmetry) {
+double error_px(const Calibration& cal, const SharedFrame& frame, const SE3& T_cam_rig,
+                const Symmetry& symmetry) {
   const View& view = cal.data.views[frame.view];
   const Camera& camera = cal.rig.cameras[view.cam];
   const double cap = 0.05 * std::hypot(camera.size.width, camera.size.height);
@@ -86,7 +88,8 @@ double error_px(const Calibration& cal, const SharedFrame& frame, const SE3& T_c
   return std::sqrt(sum / static_cast<double>(view.corners.size()));
 }
 
-// The numbering of each frame that agrees best with T_cam_rig; another than the present one must be clearly better.
+// The numbering of each frame that agrees best with T_cam_rig; another than the present one must be clearly
+// better.
 Placement judge(const Calibration& cal, const std::vector<SharedFrame>& frames, const SE3& T_cam_rig,
                 const std::vector<Symmetry>& all) {
   Placement placement{T_cam_rig, {}, {}, 0};
@@ -106,14 +109,16 @@ Placement judge(const Calibration& cal, const std::vector<SharedFrame>& frames, 
   return placement;
 }
 
-// points[permutation[i]] = G points[i], so a board pose found with the ids i becomes T G^-1 with the ids permutation[i].
+// points[permutation[i]] = G points[i], so a board pose found with the ids i becomes T G^-1 with the ids
+// permutation[i].
 SE3 relative_pose(const SharedFrame& frame, const Symmetry& symmetry) {
   return frame.T_cam_board * symmetry.T_board_board.inverse() * frame.T_rig_board.inverse();
 }
 
-// Mean over the frames that agree with a placement: rotations by the nearest rotation to their sum, translations by the
-// median of each coordinate.
-SE3 average(const std::vector<SharedFrame>& frames, const Placement& placement, const std::vector<Symmetry>& all) {
+// Mean over the frames that agree with a placement: rotations by the nearest rotation to their sum,
+// translations by the median of each coordinate.
+SE3 average(const std::vector<SharedFrame>& frames, const Placement& placement,
+            const std::vector<Symmetry>& all) {
   std::vector<double> sorted = placement.error_px;
   std::sort(sorted.begin(), sorted.end());
   const double bound = 2 * sorted[sorted.size() / 2] + 1e-9;
@@ -133,7 +138,8 @@ SE3 average(const std::vector<SharedFrame>& frames, const Placement& placement, 
   return {nearest_rotation(sum), middle};
 }
 
-Placement place(const Calibration& cal, const std::vector<SharedFrame>& frames, const std::vector<Symmetry>& all) {
+Placement place(const Calibration& cal, const std::vector<SharedFrame>& frames,
+                const std::vector<Symmetry>& all) {
   std::optional<Placement> best;
   const auto consider = [&](const SE3& T_cam_rig) {
     Placement candidate = judge(cal, frames, T_cam_rig, all);
@@ -149,7 +155,8 @@ Placement place(const Calibration& cal, const std::vector<SharedFrame>& frames, 
 
 void renumber(View& view, const std::vector<int>& permutation) {
   for (Corner& c : view.corners) c.point = permutation[c.point];
-  std::sort(view.corners.begin(), view.corners.end(), [](const Corner& a, const Corner& b) { return a.point < b.point; });
+  std::sort(view.corners.begin(), view.corners.end(),
+            [](const Corner& a, const Corner& b) { return a.point < b.point; });
 }
 
 // The rig under construction.
@@ -164,7 +171,8 @@ struct Builder {
     for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
       const View& view = cal.data.views[v];
       const auto& known = cal.T_rig_board[view.frame];
-      if (view.cam == cam && T_cam_board[v] && known) list.push_back({static_cast<int>(v), *known, *T_cam_board[v]});
+      if (view.cam == cam && T_cam_board[v] && known)
+        list.push_back({static_cast<int>(v), *known, *T_cam_board[v]});
     }
     return list;
   }
@@ -190,7 +198,8 @@ struct Builder {
       View& view = cal.data.views[frames[i].view];
       renumber(view, symmetry.permutation);
       T_cam_board[frames[i].view] = frames[i].T_cam_board * symmetry.T_board_board.inverse();
-      renumbered.push_back(view.image.empty() ? cal.rig.cameras[cam].name + " " + cal.data.frames[view.frame] : view.image);
+      renumbered.push_back(view.image.empty() ? cal.rig.cameras[cam].name + " " + cal.data.frames[view.frame]
+                                              : view.image);
     }
     adopt_frames(cam);
   }
@@ -203,12 +212,14 @@ void choose_frame_poses(Builder& b) {
     if (b.T_cam_board[v]) views_of[b.cal.data.views[v].frame].push_back(static_cast<int>(v));
   }
   Symmetry identity;
-  for (int i = 0; i < static_cast<int>(b.cal.data.target.points.size()); ++i) identity.permutation.push_back(i);
+  for (int i = 0; i < static_cast<int>(b.cal.data.target.points.size()); ++i)
+    identity.permutation.push_back(i);
   for (std::size_t f = 0; f < views_of.size(); ++f) {
     if (views_of[f].size() < 2) continue;
     double best = -1;
     for (int source : views_of[f]) {
-      const SE3 T_rig_board = b.cal.rig.T_cam_rig[b.cal.data.views[source].cam].inverse() * *b.T_cam_board[source];
+      const SE3 T_rig_board =
+          b.cal.rig.T_cam_rig[b.cal.data.views[source].cam].inverse() * *b.T_cam_board[source];
       double sum = 0;
       for (int v : views_of[f]) {
         sum += error_px(b.cal, {v, T_rig_board, {}}, b.cal.rig.T_cam_rig[b.cal.data.views[v].cam], identity);
@@ -222,7 +233,8 @@ void choose_frame_poses(Builder& b) {
 
 }  // namespace
 
-Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts, std::vector<Calibration> monos) {
+Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts,
+                             std::vector<Calibration> monos) {
   std::vector<Lens> lenses;
   for (const Calibration& mono : monos) lenses.push_back(mono.rig.cameras[0].lens);
   Builder b{empty_calibration(data, lenses), {}, {}, {}};
@@ -248,12 +260,14 @@ Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& p
       most = std::move(frames);
     }
     if (most.empty()) {
-      return Error{ErrorCode::kDegenerate,
-                   fmt::format("cameras {} and {} never see the board in the same frame, and no other camera connects them; "
-                               "take images in which both see the board at once, and check that --cam patterns pair the "
-                               "frames",
-                               data.cameras[0].name, data.cameras[next].name),
-                   fmt::format("cameras {}, {}", data.cameras[0].name, data.cameras[next].name)};
+      return Error{
+          ErrorCode::kDegenerate,
+          fmt::format(
+              "cameras {} and {} never see the board in the same frame, and no other camera connects them; "
+              "take images in which both see the board at once, and check that --cam patterns pair the "
+              "frames",
+              data.cameras[0].name, data.cameras[next].name),
+          fmt::format("cameras {}, {}", data.cameras[0].name, data.cameras[next].name)};
     }
     b.add(next, most, all);
   }

@@ -58,28 +58,33 @@ void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const 
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
   }
-  if (static_cast<int>(held.size()) == n) problem.SetParameterBlockConstant(block);
-  else if (!held.empty()) problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+  if (static_cast<int>(held.size()) == n)
+    problem.SetParameterBlockConstant(block);
+  else if (!held.empty())
+    problem.SetManifold(block, new ceres::SubsetManifold(n, held));
 }
 
 void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
   std::array<bool, 6> held{};
   for (int i = 0; i < 6; ++i) held[i] = is_held(spec, offset + i);
-  if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) problem.SetParameterBlockConstant(block);
-  else problem.SetManifold(block, make_pose_manifold(held).release());
+  if (std::all_of(held.begin(), held.end(), [](bool h) { return h; }))
+    problem.SetParameterBlockConstant(block);
+  else
+    problem.SetManifold(block, make_pose_manifold(held).release());
 }
 
 ceres::Solver::Options solver_options(const SolveSpec& spec) {
   ceres::Solver::Options options;
   options.max_num_iterations = spec.max_iterations;
-  // Tight: the optimum must agree with other solvers to far below 1e-4 px, and Ceres' default (1e-6) stops up to
-  // 0.02 px from it.
+  // Tight: the optimum must agree with other solvers to far below 1e-4 px, and Ceres' default (1e-6) stops up
+  // to 0.02 px from it.
   options.function_tolerance = spec.tight ? 1e-14 : 1e-7;
   options.parameter_tolerance = spec.tight ? 1e-12 : 1e-8;
   options.gradient_tolerance = spec.tight ? 1e-12 : 1e-10;
   options.num_threads = 1;  // more would add in another order and give other bytes
   options.linear_solver_type = ceres::DENSE_SCHUR;
-  options.max_num_consecutive_invalid_steps = 30;  // steps out of the lens' domain are invalid, and shrink the region
+  options.max_num_consecutive_invalid_steps =
+      30;  // steps out of the lens' domain are invalid, and shrink the region
   options.logging_type = ceres::SILENT;
   options.minimizer_progress_to_stdout = false;
   return options;
@@ -90,7 +95,8 @@ bool all_finite(const Calibration& cal) {
     return std::all_of(x.begin(), x.end(), [](double v) { return std::isfinite(v); });
   };
   for (const Camera& camera : cal.rig.cameras) {
-    if (!finite(params(camera.lens)) || !(params(camera.lens)[0] > 0) || !(params(camera.lens)[1] > 0)) return false;
+    if (!finite(params(camera.lens)) || !(params(camera.lens)[0] > 0) || !(params(camera.lens)[1] > 0))
+      return false;
   }
   for (const SE3& T : cal.rig.T_cam_rig) {
     if (!finite(T.qt)) return false;
@@ -118,16 +124,19 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
     double* T_cam_rig = cal.rig.T_cam_rig[cam].qt.data();
     double* T_rig_board = cal.T_rig_board[cal.data.views[v].frame]->qt.data();
     problem.AddResidualBlock(
-        make_view_cost(cal.rig.cameras[cam].lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr,
-        lens, T_cam_rig, T_rig_board);
+        make_view_cost(cal.rig.cameras[cam].lens, std::move(observations), spec.loss, spec.loss_scale)
+            .release(),
+        nullptr, lens, T_cam_rig, T_rig_board);
     if (!problem.HasManifold(T_rig_board)) problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
     hold_lens(problem, lens, n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
     ordering->AddElementToGroup(lens, 1);
-    if (cam == 0) problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
-    else hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
+    if (cam == 0)
+      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
+    else
+      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
     ordering->AddElementToGroup(T_cam_rig, 1);
   }
   ceres::Solver::Options options = solver_options(spec);
@@ -220,12 +229,14 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
     const View& view = cal.data.views[v];
     sum += J->r.squaredNorm();
     result.n_residuals += static_cast<int>(J->r.size());
-    const int n_lens = static_cast<int>(J->lens.cols()), at_lens = offsets.lens[view.cam], at_pose = offsets.pose[view.cam];
+    const int n_lens = static_cast<int>(J->lens.cols()), at_lens = offsets.lens[view.cam],
+              at_pose = offsets.pose[view.cam];
     MatX shared = MatX::Zero(J->r.size(), n_lens + (at_pose >= 0 ? 6 : 0));
     shared.leftCols(n_lens) = J->lens;
     if (at_pose >= 0) shared.rightCols(6) = J->cam.leftCols(6);
     std::vector<int> index(shared.cols());
-    for (int i = 0; i < static_cast<int>(index.size()); ++i) index[i] = i < n_lens ? at_lens + i : at_pose + i - n_lens;
+    for (int i = 0; i < static_cast<int>(index.size()); ++i)
+      index[i] = i < n_lens ? at_lens + i : at_pose + i - n_lens;
     const MatX H = shared.transpose() * shared;
     const MatX C = shared.transpose() * J->board.leftCols(6);
     FrameNormals& frame = frames[view.frame];
@@ -262,7 +273,8 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   }
   const MatX scaled = scale.asDiagonal() * eigen.vectors;
   result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
-  (*result.unit_covariance)(free, free) = scaled * eigen.values.cwiseInverse().asDiagonal() * scaled.transpose();
+  (*result.unit_covariance)(free, free) =
+      scaled * eigen.values.cwiseInverse().asDiagonal() * scaled.transpose();
   return result;
 }
 
@@ -279,7 +291,8 @@ Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::strin
       found = true;
     }
     if (!found) {
-      return Error{ErrorCode::kInvalidData, "no shared parameter has this name; there are: " + join(names, ", "),
+      return Error{ErrorCode::kInvalidData,
+                   "no shared parameter has this name; there are: " + join(names, ", "),
                    "fixed parameter '" + wanted + "'"};
     }
   }
