@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "refine/outliers.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "refine/solve.hpp"
+
+namespace plumbline::detail {
+
+namespace {
+
+constexpr double kSmallestSigmaPx = 0.01;
+
+double weight_of(const Corner& c, const RefineOptions& options) {
+  return options.use_sigma ? 1.0 / c.sigma_px : 1.0;
+}
+
+std::vector<double> robust_sigmas(const Calibration& cal, const std::vector<std::vector<bool>>& lost,
+                                  const RefineOptions& options) {
+  std::vector<std::vector<double>> sizes(cal.rig.cameras.size());
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      if (lost[v][i]) continue;
+      const Vec2 r = weight_of(view.corners[i], options) * cal.fits[v][i].residual_px;
+      sizes[view.cam].push_back(std::abs(r.x()));
+      sizes[view.cam].push_back(std::abs(r.y()));
+    }
+  }
+  std::vector<double> sigmas;
+  for (auto& list : sizes) {
+    double middle = 0;
+    if (!list.empty()) {
+      const auto at = list.begin() + static_cast<std::ptrdiff_t>(list.size() / 2);
+      std::nth_element(list.begin(), at, list.end());
+      middle = *at;
+    }
+    sigmas.push_back(std::max(kSmallestSigmaPx, 1.4826 * middle));
+  }
+  return sigmas;
+}
+
+}  // namespace
+
+void drop_view(Calibration& cal, std::size_t v, std::string reason) {
+  cal.fits[v].clear();
+  cal.view_reason[v] = std::move(reason);
+  const int frame = cal.data.views[v].frame;
+  for (std::size_t other = 0; other < cal.fits.size(); ++other) {
+    if (cal.data.views[other].frame == frame && !cal.fits[other].empty()) return;
+  }
+  cal.T_rig_board[frame].reset();
+}
+
+bool mark_outliers(Calibration& cal, const RefineOptions& options) {
+  std::vector<std::vector<bool>> before(cal.fits.size()), lost(cal.fits.size());
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    for (CornerFit& fit : cal.fits[v]) {
+      before[v].push_back(fit.outlier);
+      fit.outlier = false;
+    }
+  }
+  evaluate(cal);
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    for (const CornerFit& fit : cal.fits[v]) lost[v].push_back(fit.outlier);
+  }
+  const std::vector<double> sigmas = robust_sigmas(cal, lost, options);
+  bool changed = false;
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    const double bound = options.outlier_sigma * sigmas[view.cam];
+    std::size_t n_kept = 0;
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      CornerFit& fit = cal.fits[v][i];
+      fit.outlier = lost[v][i] || weight_of(view.corners[i], options) * fit.residual_px.norm() > bound;
+      changed = changed || fit.outlier != before[v][i];
+      n_kept += !fit.outlier;
+    }
+    if (n_kept >= 4 && 4 * n_kept >= view.corners.size()) continue;
+    drop_view(cal, v,
+              fmt::format("only {} of its {} corners agree with the other views to {:.2g} px", n_kept,
+                          view.corners.size(), bound));
+    changed = true;
+  }
+  return changed;
+}
+
+}  // namespace plumbline::detail

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "plumbline/refine/refine.hpp"
+#include "refine/solve.hpp"
+
+namespace plumbline::detail {
+
+/// The data of one camera as a data set of its own, with all frames, and where its views stood.
+struct MonoData {
+  Dataset data;
+  std::vector<int> view_index;  ///< into the views of the whole data set
+};
+MonoData mono_data(const Dataset& data, int cam);
+
+/// A calibration of `data` with these lenses, no pose, and no view used.
+Calibration empty_calibration(const Dataset& data, const std::vector<Lens>& lenses);
+
+/// Pose of the board in one view for a known lens, refitted once without corners that are far off. nullopt
+/// when there is none.
+std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view);
+
+/// Scale for a robust loss from the residuals of all corners that take part: three robust standard
+/// deviations.
+double robust_scale_px(const Calibration& calibration);
+
+/// Unmarks all outliers and evaluates again; corners outside the lens' domain are marked anew.
+void bring_back(Calibration& calibration);
+
+/// Seeds one camera without a focal length from the user, and refines it alone under a robust loss.
+/// \param held  over shared_parameter_names() of the rig of this one camera
+Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
+                                const RefineOptions& options, const std::vector<bool>& held);
+
+/// Places all cameras relative to camera 0 from the frames that they share, renumbers boards that another
+/// camera numbered the other way round, and gives each frame a pose. kDegenerate names the camera that shares
+/// no frame with the others.
+Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts,
+                             std::vector<Calibration> monos);
+
+/// Permutations of the target's points that its appearance allows; the first is the identity. Each one with
+/// the motion T of the board that it stands for: points[permutation[i]] = T * points[i].
+struct Symmetry {
+  std::vector<int> permutation;
+  SE3 T_board_board;
+};
+std::vector<Symmetry> symmetries(const Target& target);
+
+}  // namespace plumbline::detail

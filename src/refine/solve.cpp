@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "refine/solve.hpp"
+
+#include <ceres/cost_function.h>
+#include <ceres/manifold.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "plumbline/core/linalg.hpp"
+#include "plumbline/core/text.hpp"
+#include "refine/reprojection_cost.hpp"
+
+namespace plumbline::detail {
+
+bool takes_part(const Calibration& cal, std::size_t v) {
+  return !cal.fits[v].empty() && cal.T_rig_board[cal.data.views[v].frame].has_value();
+}
+
+namespace {
+
+std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, bool use_sigma) {
+  std::vector<Observation> list;
+  if (!takes_part(cal, v)) return list;
+  const View& view = cal.data.views[v];
+  for (std::size_t i = 0; i < view.corners.size(); ++i) {
+    if (cal.fits[v][i].outlier) continue;
+    const Corner& c = view.corners[i];
+    list.push_back({cal.data.target.points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
+  }
+  return list;
+}
+
+// Where the shared parameters of a camera start in shared_parameter_names().
+struct Offsets {
+  std::vector<int> lens, pose;  // pose[0] = -1: camera 0 has none
+  int total = 0;
+};
+Offsets offsets_of(const Rig& rig) {
+  Offsets o;
+  for (const Camera& camera : rig.cameras) {
+    o.lens.push_back(o.total);
+    o.total += n_params(camera.lens);
+  }
+  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
+    o.pose.push_back(i == 0 ? -1 : o.total);
+    if (i > 0) o.total += 6;
+  }
+  return o;
+}
+
+bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
+
+void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+  std::vector<int> held;
+  for (int i = 0; i < n; ++i) {
+    if (is_held(spec, offset + i)) held.push_back(i);
+  }
+  if (static_cast<int>(held.size()) == n)
+    problem.SetParameterBlockConstant(block);
+  else if (!held.empty())
+    problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+}
+
+void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
+  std::array<bool, 6> held{};
+  for (int i = 0; i < 6; ++i) held[i] = is_held(spec, offset + i);
+  if (std::all_of(held.begin(), held.end(), [](bool h) { return h; }))
+    problem.SetParameterBlockConstant(block);
+  else
+    problem.SetManifold(block, make_pose_manifold(held).release());
+}
+
+ceres::Solver::Options solver_options(const SolveSpec& spec) {
+  ceres::Solver::Options options;
+  options.max_num_iterations = spec.max_iterations;
+  // Tight: the optimum must agree with other solvers to far below 1e-4 px, and Ceres' default (1e-6) stops up
+  // to 0.02 px from it.
+  options.function_tolerance = spec.tight ? 1e-14 : 1e-7;
+  options.parameter_tolerance = spec.tight ? 1e-12 : 1e-8;
+  options.gradient_tolerance = spec.tight ? 1e-12 : 1e-10;
+  options.num_threads = 1;  // more would add in another order and give other bytes
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.max_num_consecutive_invalid_steps =
+      30;  // steps out of the lens' domain are invalid, and shrink the region
+  options.logging_type = ceres::SILENT;
+  options.minimizer_progress_to_stdout = false;
+  return options;
+}
+
+bool all_finite(const Calibration& cal) {
+  const auto finite = [](std::span<const double> x) {
+    return std::all_of(x.begin(), x.end(), [](double v) { return std::isfinite(v); });
+  };
+  for (const Camera& camera : cal.rig.cameras) {
+    if (!finite(params(camera.lens)) || !(params(camera.lens)[0] > 0) || !(params(camera.lens)[1] > 0))
+      return false;
+  }
+  for (const SE3& T : cal.rig.T_cam_rig) {
+    if (!finite(T.qt)) return false;
+  }
+  return true;
+}
+
+std::string one_line(std::string text) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+}  // namespace
+
+SolveReport solve(Calibration& cal, const SolveSpec& spec) {
+  ceres::Problem problem;
+  auto* ordering = new ceres::ParameterBlockOrdering;
+  const Offsets offsets = offsets_of(cal.rig);
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false);
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
+    if (observations.empty()) continue;
+    const int cam = cal.data.views[v].cam;
+    double* lens = params(cal.rig.cameras[cam].lens).data();
+    double* T_cam_rig = cal.rig.T_cam_rig[cam].qt.data();
+    double* T_rig_board = cal.T_rig_board[cal.data.views[v].frame]->qt.data();
+    problem.AddResidualBlock(
+        make_view_cost(cal.rig.cameras[cam].lens, std::move(observations), spec.loss, spec.loss_scale)
+            .release(),
+        nullptr, lens, T_cam_rig, T_rig_board);
+    if (!problem.HasManifold(T_rig_board)) problem.SetManifold(T_rig_board, make_pose_manifold().release());
+    ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    if (lens_seen[cam]) continue;
+    lens_seen[cam] = true;
+    hold_lens(problem, lens, n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
+    ordering->AddElementToGroup(lens, 1);
+    if (cam == 0)
+      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
+    else
+      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
+    ordering->AddElementToGroup(T_cam_rig, 1);
+  }
+  ceres::Solver::Options options = solver_options(spec);
+  options.linear_solver_ordering.reset(ordering);
+  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  SolveReport report;
+  report.usable = summary.IsSolutionUsable() && all_finite(cal);
+  report.converged = summary.termination_type == ceres::CONVERGENCE;
+  report.cost = summary.final_cost;
+  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  report.termination = one_line(summary.message);
+  return report;
+}
+
+int evaluate(Calibration& cal) {
+  int n_lost = 0;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      CornerFit& fit = cal.fits[v][i];
+      const auto px = predict(cal, view, view.corners[i].point);
+      fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
+      if (px) continue;
+      fit.outlier = true;
+      ++n_lost;
+    }
+  }
+  return n_lost;
+}
+
+double capped_rms_px(const Calibration& cal, double cap_px) {
+  double sum = 0;
+  int n = 0;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    for (const Corner& c : cal.data.views[v].corners) {
+      const auto px = predict(cal, cal.data.views[v], c.point);
+      sum += px ? std::min((*px - c.px).squaredNorm(), cap_px * cap_px) : cap_px * cap_px;
+      ++n;
+    }
+  }
+  return n > 0 ? std::sqrt(sum / n) : cap_px;
+}
+
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// The part of the normal matrix that one frame's views add, before its pose is eliminated.
+struct FrameNormals {
+  Mat6 H_ff = Mat6::Zero();
+  MatX H_sf;
+  bool used = false;
+};
+
+struct ViewJacobian {
+  VecX r;
+  RowMajor lens, cam, board;
+};
+
+std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
+  std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
+  if (observations.empty()) return std::nullopt;
+  const View& view = cal.data.views[v];
+  const Lens& lens = cal.rig.cameras[view.cam].lens;
+  const auto n = static_cast<Eigen::Index>(2 * observations.size());
+  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7)};
+  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
+  const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
+                            cal.T_rig_board[view.frame]->qt.data()};
+  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data()};
+  if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
+  return J;
+}
+
+}  // namespace
+
+SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal.rig);
+  MatX S = MatX::Zero(offsets.total, offsets.total);
+  std::vector<FrameNormals> frames(cal.T_rig_board.size());
+  SharedCovariance result;
+  double sum = 0;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    const auto J = view_jacobian(cal, v, spec);
+    if (!J) continue;
+    const View& view = cal.data.views[v];
+    sum += J->r.squaredNorm();
+    result.n_residuals += static_cast<int>(J->r.size());
+    const int n_lens = static_cast<int>(J->lens.cols()), at_lens = offsets.lens[view.cam],
+              at_pose = offsets.pose[view.cam];
+    MatX shared = MatX::Zero(J->r.size(), n_lens + (at_pose >= 0 ? 6 : 0));
+    shared.leftCols(n_lens) = J->lens;
+    if (at_pose >= 0) shared.rightCols(6) = J->cam.leftCols(6);
+    std::vector<int> index(shared.cols());
+    for (int i = 0; i < static_cast<int>(index.size()); ++i)
+      index[i] = i < n_lens ? at_lens + i : at_pose + i - n_lens;
+    const MatX H = shared.transpose() * shared;
+    const MatX C = shared.transpose() * J->board.leftCols(6);
+    FrameNormals& frame = frames[view.frame];
+    if (!frame.used) frame.H_sf = MatX::Zero(offsets.total, 6);
+    frame.used = true;
+    frame.H_ff += J->board.leftCols(6).transpose() * J->board.leftCols(6);
+    for (std::size_t i = 0; i < index.size(); ++i) {
+      frame.H_sf.row(index[i]) += C.row(i);
+      for (std::size_t k = 0; k < index.size(); ++k) S(index[i], index[k]) += H(i, k);
+    }
+  }
+  int n_frames = 0;
+  for (const FrameNormals& frame : frames) {
+    if (!frame.used) continue;
+    ++n_frames;
+    const auto eliminated = solve_spd(frame.H_ff, frame.H_sf.transpose());
+    if (eliminated) S -= frame.H_sf * *eliminated;
+  }
+  // Invert over the free parameters, scaled to a unit diagonal so that radians, metres and pixels compare.
+  std::vector<int> free;
+  for (int i = 0; i < offsets.total; ++i) {
+    if (!is_held(spec, i)) free.push_back(i);
+  }
+  result.n_free = static_cast<int>(free.size()) + 6 * n_frames;
+  result.variance = result.n_residuals > result.n_free ? sum / (result.n_residuals - result.n_free) : 0.0;
+  const MatX S_free = S(free, free);
+  const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
+  const Eigen::Index n = eigen.values.size();
+  if (n > 0 && !(eigen.values[0] > 1e-14 * eigen.values[n - 1])) {
+    result.null_direction = VecX::Zero(offsets.total);
+    result.null_direction(free) = eigen.vectors.col(0);
+    return result;
+  }
+  const MatX scaled = scale.asDiagonal() * eigen.vectors;
+  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
+  (*result.unit_covariance)(free, free) =
+      scaled * eigen.values.cwiseInverse().asDiagonal() * scaled.transpose();
+  return result;
+}
+
+Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {
+  const std::vector<std::string> names = shared_parameter_names(rig);
+  std::vector<bool> held(names.size(), false);
+  for (const std::string& wanted : fixed) {
+    bool found = false;
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      // Camera names may hold spaces, parameter names do not: the parameter is what follows the last space.
+      const std::string parameter = names[i].substr(names[i].rfind(' ') + 1);
+      if (names[i] != wanted && parameter != wanted) continue;
+      held[i] = true;
+      found = true;
+    }
+    if (!found) {
+      return Error{ErrorCode::kInvalidData,
+                   "no shared parameter has this name; there are: " + join(names, ", "),
+                   "fixed parameter '" + wanted + "'"};
+    }
+  }
+  return held;
+}
+
+}  // namespace plumbline::detail

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "plumbline/refine/refine.hpp"
+
+/// The state of every solve is a Calibration: a view takes part when `fits[v]` is not empty and its frame has
+/// a pose; a corner of such a view takes part unless it is marked as an outlier.
+namespace plumbline::detail {
+
+struct SolveSpec {
+  Loss loss = Loss::kSquared;
+  double loss_scale = 1.0;
+  bool use_sigma = false;
+  int max_iterations = 200;
+  bool tight = true;       ///< false: stop at 1e-7 relative change, for seeds
+  std::vector<bool> held;  ///< over shared_parameter_names(); empty: none
+};
+
+struct SolveReport {
+  bool usable = false;  ///< an optimum with finite numbers
+  bool converged = false;
+  double cost = 0;  ///< half the sum of rho
+  int iterations = 0;
+  std::string termination;
+};
+
+/// Minimises the reprojection error in place, on one thread. Not usable when a corner that takes part does
+/// not project at the start.
+SolveReport solve(Calibration& calibration, const SolveSpec& spec);
+
+bool takes_part(const Calibration& calibration, std::size_t view);
+
+/// Residuals of all corners of all views that take part. A corner that the lens does not project is marked as
+/// an outlier, with a zero residual; their number is returned.
+int evaluate(Calibration& calibration);
+
+/// Root of the mean over all corners of views that take part of min(|r|, cap_px)^2, with cap_px for corners
+/// that do not project: a score that a few bad corners do not decide. Ignores outlier marks.
+double capped_rms_px(const Calibration& calibration, double cap_px);
+
+/// Covariance of the shared parameters for a variance of 1 of each (robustified) residual coordinate: the
+/// inverse of the reduced normal matrix S = H_ss - sum_f H_sf H_ff^-1 H_fs, where f runs over the board
+/// poses. Rows and columns of held parameters are zero. When S is singular: no covariance, and the null
+/// direction instead.
+struct SharedCovariance {
+  std::optional<MatX> unit_covariance;
+  VecX null_direction;  ///< unit length in scaled parameters; empty unless singular
+  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals - free parameters)
+  int n_residuals = 0, n_free = 0;
+};
+SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);
+
+/// Which shared parameters `fixed` names. kInvalidData lists the names there are.
+Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed);
+
+}  // namespace plumbline::detail
