@@ -46,7 +46,7 @@ def run_block(body, folder, build):
     """The body again, with the output of each `$ ` line as it is now; a trailing backslash continues a line."""
     commands = re.findall(r"^\$ ((?:.*\\\n)*.*)$", body, re.M)
     text = "".join(f"$ {command}\n{run(command, folder, build)}" for command in commands)
-    return f"```console\n{text.rstrip()}\n```\n"
+    return f"```console\n{text}```\n"
 
 
 def same(old, new):
