@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// gtest's main, with an exit code of its own (77, which CTest reads as "skipped") when every test was skipped.
+// gtest's main, with an exit code of its own (77, which CTest reads as "skipped") when every test was
+// skipped.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
