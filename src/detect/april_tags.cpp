@@ -11,7 +11,8 @@
 namespace plumbline::detail {
 namespace {
 
-/// Kalibr prints 36h11 with a black border of two modules where the family has one: the code moves one module in.
+/// Kalibr prints 36h11 with a black border of two modules where the family has one: the code moves one module
+/// in.
 apriltag_family_t* wide_border_family() {
   apriltag_family_t* family = tag36h11_create();
   family->width_at_border = 10;
@@ -23,8 +24,8 @@ apriltag_family_t* wide_border_family() {
   return family;
 }
 
-/// A detector and its family. The library's detector is not re-entrant, so each call makes one; building the decoding
-/// table is guarded because the library allocates it without locks.
+/// A detector and its family. The library's detector is not re-entrant, so each call makes one; building the
+/// decoding table is guarded because the library allocates it without locks.
 class TagDetector {
  public:
   TagDetector() : family_(wide_border_family()), detector_(apriltag_detector_create()) {
@@ -63,8 +64,8 @@ class TagDetector {
 }  // namespace
 
 std::vector<Marker> find_april_tags(const cv::Mat& grey) {
-  // On wide lenses the small black squares grow together with the tags they touch; each of these views parts another
-  // share of them (measured in docs/detect.md).
+  // On wide lenses the small black squares grow together with the tags they touch; each of these views parts
+  // another share of them (measured in docs/detect.md).
   const cv::Mat contiguous = grey.isContinuous() ? grey : grey.clone();
   cv::Mat dilated, brighter;
   cv::dilate(contiguous, dilated, cv::getStructuringElement(cv::MORPH_RECT, {3, 3}));

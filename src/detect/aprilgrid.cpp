@@ -26,10 +26,11 @@ std::vector<PlacedQuad> place(const AprilGrid& board, const std::vector<Marker>&
   return out;
 }
 
-/// Where a tag's corners should be, from the tags around it and itself, without those few corners that a small black
-/// square has pulled away. nullopt: too few neighbours; then the tag's own corners are all there is.
-std::optional<Mat3> plane_at(const std::vector<PlacedQuad>& quads, const std::vector<int>& tags, const PlacedQuad& tag,
-                             double pitch) {
+/// Where a tag's corners should be, from the tags around it and itself, without those few corners that a
+/// small black square has pulled away. nullopt: too few neighbours; then the tag's own corners are all there
+/// is.
+std::optional<Mat3> plane_at(const std::vector<PlacedQuad>& quads, const std::vector<int>& tags,
+                             const PlacedQuad& tag, double pitch) {
   std::vector<Vec2> from, to;
   for (int i : nearest_quads(quads, tags, tag.board_centre(), 9)) {
     const PlacedQuad& q = quads[static_cast<std::size_t>(i)];
@@ -50,28 +51,34 @@ struct Candidate {
 };
 
 /// Starts for the four corners of a tag. `H` maps from the tag's centre.
-void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H, std::vector<Candidate>& out) {
+void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H,
+                    std::vector<Candidate>& out) {
   for (std::size_t k = 0; k < 4; ++k) {
     const Vec2 local = tag.board[k] - tag.board_centre();
     const auto predicted = map_point(H, local);
     if (!predicted) continue;
     const Mat2 J = map_jacobian(H, local);
     const double gap = board.spacing * std::min(J.col(0).norm(), J.col(1).norm());
-    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a wide lens.
-    const Vec2 start = (tag.px[k] - *predicted).norm() < 0.5 * gap ? Vec2((tag.px[k] + *predicted) / 2) : *predicted;
-    // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them white.
+    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a
+    // wide lens.
+    const Vec2 start =
+        (tag.px[k] - *predicted).norm() < 0.5 * gap ? Vec2((tag.px[k] + *predicted) / 2) : *predicted;
+    // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside
+    // them white.
     const double reach = 0.5 * std::min(0.2, board.spacing);
-    if (saddle_contrast(grey, start, J.col(0) * reach, J.col(1) * reach * (k % 2 == 0 ? 1 : -1)) > -8) continue;
+    if (saddle_contrast(grey, start, J.col(0) * reach, J.col(1) * reach * (k % 2 == 0 ? 1 : -1)) > -8)
+      continue;
     // Clean as far as the tag's border and the small square go, whichever ends first.
     const double clean = std::min(0.2, board.spacing) * std::min(J.col(0).norm(), J.col(1).norm());
-    out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k), tag.board[k],
+    out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k),
+                   tag.board[k],
                    {start, half_window(0.9 * clean), std::max(1.5, 0.6 * gap)}});
   }
 }
 
 /// Without the corners that do not lie where the eight to sixteen refined ones nearest to them say.
-std::vector<Corner> without_strays(const std::vector<Candidate>& candidates, const std::vector<std::optional<RefinedCorner>>& refined,
-                                   double tag_px) {
+std::vector<Corner> without_strays(const std::vector<Candidate>& candidates,
+                                   const std::vector<std::optional<RefinedCorner>>& refined, double tag_px) {
   std::vector<std::size_t> good;
   for (std::size_t i = 0; i < refined.size(); ++i)
     if (refined[i]) good.push_back(i);
@@ -80,7 +87,9 @@ std::vector<Corner> without_strays(const std::vector<Candidate>& candidates, con
     std::vector<std::size_t> near;
     for (std::size_t j : good)
       if (j != i) near.push_back(j);
-    const auto distance = [&](std::size_t j) { return (candidates[j].board - candidates[i].board).squaredNorm(); };
+    const auto distance = [&](std::size_t j) {
+      return (candidates[j].board - candidates[i].board).squaredNorm();
+    };
     std::stable_sort(near.begin(), near.end(), [&](auto a, auto b) { return distance(a) < distance(b); });
     near.resize(std::min<std::size_t>(near.size(), 12));
     std::vector<Vec2> from, to;
@@ -130,9 +139,11 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
   for (const Candidate& c : candidates) starts.push_back(c.start);
   const auto refined = refine_corners(grey, starts, noise_level(grey, bounding_box(px, grey)));
   out.corners = without_strays(candidates, refined, tag_px);
-  std::sort(out.corners.begin(), out.corners.end(), [](const Corner& a, const Corner& b) { return a.point < b.point; });
+  std::sort(out.corners.begin(), out.corners.end(),
+            [](const Corner& a, const Corner& b) { return a.point < b.point; });
   if (out.corners.size() < 4) {
-    out.reason = fmt::format("{} of {} tags found, but only {} of their corners are clear", n, all, out.corners.size());
+    out.reason = fmt::format("{} of {} tags found, but only {} of their corners are clear", n, all,
+                             out.corners.size());
     out.corners.clear();
     return out;
   }

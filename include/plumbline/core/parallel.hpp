@@ -4,10 +4,10 @@
 
 namespace plumbline {
 
-/// Calls body(i) once for each i in [0, n) on up to `n_threads` threads (<= 0: all cores) and returns when all
-/// are done. Each body writes only to what belongs to its own i, so results do not depend on the thread count.
-/// Every body is called even when one throws; then the exception of the smallest i is thrown again here. Where the
-/// system refuses a thread, fewer do the work.
+/// Calls body(i) once for each i in [0, n) on up to `n_threads` threads (<= 0: all cores) and returns when
+/// all are done. Each body writes only to what belongs to its own i, so results do not depend on the thread
+/// count. Every body is called even when one throws; then the exception of the smallest i is thrown again
+/// here. Where the system refuses a thread, fewer do the work.
 void parallel_for(int n, int n_threads, const std::function<void(int)>& body);
 
 }  // namespace plumbline

@@ -10,8 +10,8 @@ namespace plumbline {
 /// 17 significant digits: the text parses back to the same double. NaN and infinity give "nan", "inf".
 std::string format_double(double value);
 
-/// The whole of `text` as a finite double or nullopt ("1.5 ", "nan", "1e999" and "" are nullopt). One sign, + or -,
-/// may stand in front; the decimal point is a point whatever the locale.
+/// The whole of `text` as a finite double or nullopt ("1.5 ", "nan", "1e999" and "" are nullopt). One sign, +
+/// or -, may stand in front; the decimal point is a point whatever the locale.
 std::optional<double> parse_double(std::string_view text);
 
 /// The whole of `text` as an int or nullopt; one sign may stand in front.

@@ -12,7 +12,8 @@ struct SE3 {
   std::array<double, 7> qt{1, 0, 0, 0, 0, 0, 0};
 
   SE3() = default;
-  /// \pre R is a rotation to 1e-5 in the Frobenius norm of R'R - I (it is renormalised); throws std::invalid_argument otherwise.
+  /// \pre R is a rotation to 1e-5 in the Frobenius norm of R'R - I (it is renormalised); throws
+  /// std::invalid_argument otherwise.
   SE3(const Mat3& R, const Vec3& t_m);
 
   Mat3 R() const;
