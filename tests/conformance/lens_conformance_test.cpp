@@ -92,7 +92,7 @@ TYPED_TEST(LensConformance, JacobiansMatchAutomaticDifferentiation) {
   this->for_lenses(60, 60, [&](const auto& lens, const auto& points) {
     for (const Vec3& p : points) expect_matches_autodiff(lens, p, &worst);
   });
-  this->RecordProperty("worst_relative_error", std::to_string(worst));
+  this->RecordProperty("digits", std::to_string(-std::log10(worst)));
 }
 
 TYPED_TEST(LensConformance, JacobiansMatchNearTheOpticalAxis) {
@@ -161,10 +161,10 @@ TYPED_TEST(LensConformance, UnprojectionIsTheInverse) {
       EXPECT_NEAR(back->norm(), 1, 1e-15);
       const auto again = lens.project(*back);
       ASSERT_TRUE(again);
-      // 1e-9 px; further than 1e4 px from the corner of the image 1e-13 of the pixel, which is its rounding.
+      // 1e-9 px; and 1e-13 of the pixel, its own rounding, which counts where it is far out.
       const double error_px = (*again - px).norm();
       EXPECT_LT(error_px, 1e-9 + 1e-13 * px.norm());
-      if (px.norm() < 1e4) worst_px = std::max(worst_px, error_px);
+      worst_px = std::max(worst_px, error_px);
       // The same ray, to what that pixel error means where the map is flattest (smallest singular value of
       // J).
       const Mat2 JJ = J * J.transpose();
@@ -172,7 +172,7 @@ TYPED_TEST(LensConformance, UnprojectionIsTheInverse) {
       EXPECT_LT((*back - ray).norm(), 1e-12 + 2e-9 / smallest) << "px " << px.transpose();
     }
   });
-  this->RecordProperty("worst_px", std::to_string(worst_px));
+  this->RecordProperty("log10_worst_px", std::to_string(std::log10(worst_px)));
 }
 
 TYPED_TEST(LensConformance, UnprojectsEveryCornerOfAnImageThatItCovers) {

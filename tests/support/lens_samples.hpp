@@ -73,10 +73,10 @@ double edge_of_domain(const L& lens, double phi, double farthest_px = 1e300) {
   return low;
 }
 
-/// The farthest pixel from the centre that points_in_domain asks for [px], some hundred images away. Further
+/// The farthest pixel from the centre that points_in_domain asks for [px], some twenty images away. Further
 /// out, at the pole of a rational lens or at 90 degrees, a rounding of the input alone moves the pixel by
 /// more than 1e-9.
-constexpr double kFarthestPx = 1e5;
+constexpr double kFarthestPx = 2e4;
 
 /// n points inside the domain, over all directions and angles up to the edge (the outermost close to it).
 template <class L>

@@ -48,7 +48,7 @@ bool positive_on(const std::array<double, N>& c, double s_max) {
   for (std::size_t k = 1; k < N; ++k) {
     for (std::size_t i = N - 1; i >= k; --i) b[i] += b[i - 1];
   }
-  return bernstein_positive(b, 15);
+  return bernstein_positive(b, 32);
 }
 
 }  // namespace plumbline::detail

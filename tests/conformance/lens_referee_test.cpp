@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+// OpenCV and mrcal as referees, for the lenses that they have too. Only here lenses are matched with foreign
+// names.
+#include <gtest/gtest.h>
+
+#include <map>
+#include <opencv2/calib3d.hpp>
+
+#include "support/lens_samples.hpp"
+
+extern "C" {
+#include <mrcal/mrcal.h>
+}
+
+namespace plumbline {
+namespace {
+
+using namespace test;
+
+constexpr double kPx = 1e-9;  // what the referees may differ by [px]
+
+const std::map<std::string_view, const char*> kMrcalNames{{"pinhole", "LENSMODEL_PINHOLE"},
+                                                          {"opencv4", "LENSMODEL_OPENCV4"},
+                                                          {"opencv5", "LENSMODEL_OPENCV5"},
+                                                          {"opencv8", "LENSMODEL_OPENCV8"},
+                                                          {"opencv12", "LENSMODEL_OPENCV12"}};
+
+// Lenses as strong as glass is, and points that fall within a few image widths: further out a pixel has no
+// 1e-9.
+template <class L>
+struct Case {
+  L lens;
+  std::vector<Vec3> points;
+};
+
+template <class L>
+std::vector<Case<L>> cases(double widest_deg) {
+  std::vector<Case<L>> all;
+  Rng rng(11);
+  for (int i = 0; i < 60; ++i) {
+    Case<L> c{random_lens<L>(rng, i % 3 == 0 ? 0.0 : i % 3 == 1 ? 0.02 : 0.2), {}};
+    for (const Vec3& p : points_in_domain(c.lens, rng, 120)) {
+      const double theta_deg = std::atan2(p.head<2>().norm(), p.z()) * 180 / std::numbers::pi;
+      if (theta_deg < widest_deg && c.lens.project(p)->norm() < 5000) c.points.push_back(p);
+    }
+    if (c.points.size() > 10) all.push_back(c);
+  }
+  return all;
+}
+
+template <class L>
+class LensReferee : public ::testing::Test {};
+TYPED_TEST_SUITE(LensReferee, LensTypes, LensTypeName);
+
+// Largest difference of a Jacobian entry, relative to its column's largest entry or 1.
+double column_error(const Eigen::Ref<const MatX>& J, const Eigen::Ref<const MatX>& truth) {
+  double worst = 0;
+  for (int i = 0; i < J.cols(); ++i) {
+    worst = std::max(worst, (J.col(i) - truth.col(i)).cwiseAbs().maxCoeff() /
+                                std::max(1.0, truth.col(i).cwiseAbs().maxCoeff()));
+  }
+  return worst;
+}
+
+TYPED_TEST(LensReferee, Mrcal) {
+  const auto name = kMrcalNames.find(TypeParam::kName);
+  if (name == kMrcalNames.end()) GTEST_SKIP() << "mrcal 2.2 has no such lens";
+  mrcal_lensmodel_t model;
+  ASSERT_TRUE(mrcal_lensmodel_from_name(&model, name->second));
+  ASSERT_EQ(mrcal_lensmodel_num_params(&model), TypeParam::kNumParams);
+  int n_points = 0;
+  for (const auto& [lens, points] : cases<TypeParam>(89)) {
+    for (const Vec3& p : points) {
+      const mrcal_point3_t p_mrcal{.xyz = {p.x(), p.y(), p.z()}};
+      mrcal_point2_t q;
+      mrcal_point3_t dq_dp[2];
+      Eigen::Matrix<double, 2, TypeParam::kNumParams, Eigen::RowMajor> dq_dk;
+      ASSERT_TRUE(mrcal_project(&q, dq_dp, dq_dk.data(), &p_mrcal, 1, &model, &lens.fx));
+      Mat23 J_px_p, truth_p;
+      JacParams<TypeParam> J_px_k;
+      const Vec2 px = lens.project(p, &J_px_p, &J_px_k).value();
+      truth_p << dq_dp[0].x, dq_dp[0].y, dq_dp[0].z, dq_dp[1].x, dq_dp[1].y, dq_dp[1].z;
+      EXPECT_LT((px - Vec2(q.x, q.y)).norm(), kPx);
+      EXPECT_LT((J_px_p - truth_p).cwiseAbs().maxCoeff() / std::max(1.0, truth_p.cwiseAbs().maxCoeff()), kPx);
+      EXPECT_LT(column_error(J_px_k, dq_dk), kPx) << "\n" << J_px_k << "\n\n" << dq_dk;
+      ++n_points;
+    }
+  }
+  EXPECT_GT(n_points, 3000);
+}
+
+// cv::projectPoints' Jacobian: rotation vector (3), translation (3), focal lengths (2), centre (2),
+// distortion. With no rotation d px / d translation is our J_px_p; our parameters are its columns from 6 on.
+TYPED_TEST(LensReferee, OpenCv) {
+  const bool fisheye = TypeParam::kName == "kb4";
+  if (!fisheye && !kMrcalNames.contains(TypeParam::kName)) GTEST_SKIP() << "OpenCV has no such lens";
+  int n_points = 0;
+  // cv::fisheye::projectPoints is wrong from 90 degrees on.
+  for (const auto& [lens, points] : cases<TypeParam>(89)) {
+    std::vector<cv::Point3d> p_cv;
+    for (const Vec3& p : points) p_cv.emplace_back(p.x(), p.y(), p.z());
+    const cv::Matx33d K(lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1);
+    const int n_distortion = TypeParam::kNumParams - 4;
+    const cv::Mat d =
+        n_distortion == 0 ? cv::Mat() : cv::Mat(n_distortion, 1, CV_64F, const_cast<double*>(&lens.fx + 4));
+    const cv::Vec3d zero(0, 0, 0);
+    std::vector<cv::Point2d> px_cv;
+    cv::Mat J_cv;  // fisheye: focal lengths, centre, distortion (4), rotation vector, translation, skew
+    if (fisheye) {
+      cv::fisheye::projectPoints(p_cv, px_cv, zero, zero, K, d, 0, J_cv);
+    } else {
+      cv::projectPoints(p_cv, zero, zero, K, d, px_cv, J_cv);
+    }
+    const int first_k = fisheye ? 0 : 6, first_t = fisheye ? 11 : 3;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      Mat23 J_px_p, truth_p;
+      JacParams<TypeParam> J_px_k, truth_k;
+      const Vec2 px = lens.project(points[i], &J_px_p, &J_px_k).value();
+      for (int r = 0; r < 2; ++r) {
+        const double* row = J_cv.ptr<double>(static_cast<int>(2 * i) + r);
+        for (int k = 0; k < TypeParam::kNumParams; ++k) truth_k(r, k) = row[first_k + k];
+        for (int k = 0; k < 3; ++k) truth_p(r, k) = row[first_t + k];
+      }
+      EXPECT_LT((px - Vec2(px_cv[i].x, px_cv[i].y)).norm(), kPx);
+      EXPECT_LT(column_error(J_px_k, truth_k), kPx) << "\n" << J_px_k << "\n\n" << truth_k;
+      EXPECT_LT((J_px_p - truth_p).cwiseAbs().maxCoeff() / std::max(1.0, truth_p.cwiseAbs().maxCoeff()), kPx);
+      ++n_points;
+    }
+  }
+  EXPECT_GT(n_points, 3000);
+}
+
+}  // namespace
+}  // namespace plumbline
