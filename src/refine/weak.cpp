@@ -157,16 +157,8 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
   const std::vector<std::string> names = shared_parameter_names(cal.rig);
   const SharedCovariance c = shared_covariance(cal, spec);
-  if (!c.unit_covariance) {
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format("the views do not determine the calibration: {} can change together without changing any "
-                    "residual; {}, or hold parameters with --fix",
-                    describe(c.null_direction, names, 0).first, kNextStep),
-        ""};
-  }
-  cal.covariance = c.variance * *c.unit_covariance;
-  const MatX judged = std::max(c.variance, kSmallestNoisePx * kSmallestNoisePx) * *c.unit_covariance;
+  cal.covariance = c.variance * c.unit_covariance;
+  const MatX judged = std::max(c.variance, kSmallestNoisePx * kSmallestNoisePx) * c.unit_covariance;
   int offset = 0;
   const int n_cams = static_cast<int>(cal.rig.cameras.size());
   for (int cam = 0; cam < n_cams; ++cam) {
@@ -175,6 +167,15 @@ Status judge_determination(Calibration& cal, const SolveSpec& spec) {
     offset += n_params(cal.rig.cameras[cam].lens);
   }
   for (int cam = 1; cam < n_cams; ++cam, offset += 6) add_weak_pose(cal, judged, cam, offset, names);
+  if (c.null_direction.size() > 0) {
+    // Terms of a lens with more terms than the views can tell apart: harmless for the pixels that the boards
+    // covered.
+    const auto [text, first] = describe(c.null_direction, names, 0);
+    cal.stats.weak.push_back(
+        {text, std::sqrt(judged(first, first)),
+         "these can change together without changing any residual, and mean nothing one by one; "
+         "choose a lens with fewer terms or hold some with --fix"});
+  }
   return {};
 }
 
