@@ -5,9 +5,12 @@
 #include <ceres/manifold.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
+#include <glog/logging.h>
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
+#include <utility>
 
 #include "plumbline/core/linalg.hpp"
 #include "plumbline/core/text.hpp"
@@ -81,6 +84,8 @@ ceres::Solver::Options solver_options(const SolveSpec& spec) {
   options.function_tolerance = spec.tight ? 1e-14 : 1e-7;
   options.parameter_tolerance = spec.tight ? 1e-12 : 1e-8;
   options.gradient_tolerance = spec.tight ? 1e-12 : 1e-10;
+  options.max_trust_region_radius =
+      1e13;                 // keeps a trace of damping, so that a flat valley can be factorised
   options.num_threads = 1;  // more would add in another order and give other bytes
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_consecutive_invalid_steps =
@@ -103,6 +108,37 @@ bool all_finite(const Calibration& cal) {
   }
   return true;
 }
+
+// Ceres reports failed factorisations, which it then handles, through glog on stderr. A library does not
+// print: while any solve runs, only glog's fatal messages are let through. Counted, because seeds are solved
+// on several threads.
+class QuietLog {
+ public:
+  QuietLog() {
+    const std::lock_guard lock(mutex());
+    if (count()++ == 0) saved() = std::exchange(FLAGS_minloglevel, google::GLOG_FATAL);
+  }
+  ~QuietLog() {
+    const std::lock_guard lock(mutex());
+    if (--count() == 0) FLAGS_minloglevel = saved();
+  }
+  QuietLog(const QuietLog&) = delete;
+  QuietLog& operator=(const QuietLog&) = delete;
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex m;
+    return m;
+  }
+  static int& count() {
+    static int n = 0;
+    return n;
+  }
+  static int& saved() {
+    static int level = 0;
+    return level;
+  }
+};
 
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');
@@ -143,6 +179,7 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   options.linear_solver_ordering.reset(ordering);
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   ceres::Solver::Summary summary;
+  const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
   SolveReport report;
   report.usable = summary.IsSolutionUsable() && all_finite(cal);
@@ -168,20 +205,6 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
-}
-
-double capped_rms_px(const Calibration& cal, double cap_px) {
-  double sum = 0;
-  int n = 0;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    if (!takes_part(cal, v)) continue;
-    for (const Corner& c : cal.data.views[v].corners) {
-      const auto px = predict(cal, cal.data.views[v], c.point);
-      sum += px ? std::min((*px - c.px).squaredNorm(), cap_px * cap_px) : cap_px * cap_px;
-      ++n;
-    }
-  }
-  return n > 0 ? std::sqrt(sum / n) : cap_px;
 }
 
 namespace {
@@ -266,15 +289,16 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
   const Eigen::Index n = eigen.values.size();
-  if (n > 0 && !(eigen.values[0] > 1e-14 * eigen.values[n - 1])) {
+  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
+  if (n == 0) return result;
+  const double least = 1e-14 * std::max(eigen.values[n - 1], 1e-300);
+  if (!(eigen.values[0] > least)) {
     result.null_direction = VecX::Zero(offsets.total);
     result.null_direction(free) = eigen.vectors.col(0);
-    return result;
   }
   const MatX scaled = scale.asDiagonal() * eigen.vectors;
-  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
-  (*result.unit_covariance)(free, free) =
-      scaled * eigen.values.cwiseInverse().asDiagonal() * scaled.transpose();
+  result.unit_covariance(free, free) =
+      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
   return result;
 }
 

@@ -38,17 +38,15 @@ bool takes_part(const Calibration& calibration, std::size_t view);
 /// an outlier, with a zero residual; their number is returned.
 int evaluate(Calibration& calibration);
 
-/// Root of the mean over all corners of views that take part of min(|r|, cap_px)^2, with cap_px for corners
-/// that do not project: a score that a few bad corners do not decide. Ignores outlier marks.
-double capped_rms_px(const Calibration& calibration, double cap_px);
-
 /// Covariance of the shared parameters for a variance of 1 of each (robustified) residual coordinate: the
 /// inverse of the reduced normal matrix S = H_ss - sum_f H_sf H_ff^-1 H_fs, where f runs over the board
-/// poses. Rows and columns of held parameters are zero. When S is singular: no covariance, and the null
-/// direction instead.
+/// poses. Rows and columns of held parameters are zero. Directions
+/// that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of S scaled to a unit
+/// diagonal) get that bound as their eigenvalue, so that their variance is huge but finite.
 struct SharedCovariance {
-  std::optional<MatX> unit_covariance;
-  VecX null_direction;  ///< unit length in scaled parameters; empty unless singular
+  MatX unit_covariance;
+  VecX
+      null_direction;  ///< the least determined of those directions, unit length, scaled parameters; or empty
   double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals - free parameters)
   int n_residuals = 0, n_free = 0;
 };

@@ -1,11 +1,181 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refine/weak.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+#include "plumbline/core/linalg.hpp"
+#include "plumbline/core/text.hpp"
+
 namespace plumbline::detail {
 
+namespace {
+
+// No corner finder is better than this on photographs, so that data without noise are judged like data with
+// little.
+constexpr double kSmallestNoisePx = 0.05;
+// Two per cent of the focal length is 20 px at the rim of a 2000 px image; three of the width for the centre
+// is the same order, since a shift of the centre is mostly taken up by turning the camera.
+constexpr double kWeakFocal = 0.02, kWeakCentre = 0.03;
+// Beyond a fifth the linear prediction itself has no meaning any more.
+constexpr double kUselessFocal = 0.20;
+// Boards that are nearly parallel to one another: the errors of their printing and of the corner finder are
+// the same in all of them and do not average out as the covariance believes. In ten-frame pieces of a
+// hand-held sequence, those under 10 degrees missed the focal length by up to 11 % at predicted standard
+// deviations of 1 % (docs/refine.md).
+constexpr double kWeakSpreadDeg = 10.0;
+// A central perspective that sees boards only head-on: focal length and distance cannot be told apart.
+constexpr double kHeadOnDeg = 2.0;
+constexpr double kWeakBaseline = 0.05, kWeakTurnDeg = 0.5;
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+// How the boards that one camera saw were tilted.
+struct Tilts {
+  double spread_deg = 0;   // largest angle between two normals
+  double largest_deg = 0;  // largest angle between a normal and the optical axis
+  int n_views = 0;
+};
+
+Tilts tilts_of(const Calibration& cal, int cam) {
+  std::vector<Vec3> normals;
+  Tilts tilts;
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (cal.data.views[v].cam != cam || !takes_part(cal, v)) continue;
+    normals.push_back((cal.rig.T_cam_rig[cam] * *cal.T_rig_board[cal.data.views[v].frame]).R().col(2));
+    // atan2 of the cross product: acos loses half the digits near zero
+    const Vec3& n = normals.back();
+    tilts.largest_deg =
+        std::max(tilts.largest_deg, kDegPerRad * std::atan2(std::hypot(n.x(), n.y()), std::abs(n.z())));
+  }
+  tilts.n_views = static_cast<int>(normals.size());
+  for (const Vec3& a : normals) {
+    for (const Vec3& b : normals) {
+      tilts.spread_deg = std::max(tilts.spread_deg, kDegPerRad * std::atan2(a.cross(b).norm(), a.dot(b)));
+    }
+  }
+  return tilts;
+}
+
+constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
+
+// "left fx (+0.71), left fy (+0.70)", largest share first, without shares under a fifth.
+std::pair<std::string, int> describe(const VecX& direction, const std::vector<std::string>& names,
+                                     int first_name) {
+  std::vector<int> order(direction.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
+  const double sign = direction[order[0]] < 0 ? -1 : 1;
+  std::vector<std::string> pieces;
+  for (int i : order) {
+    if (std::abs(direction[i]) < 0.2) break;
+    pieces.push_back(fmt::format("{} ({:+.2f})", names[first_name + i], sign * direction[i]));
+  }
+  return {join(pieces, ", "), order[0]};
+}
+
+// Directions of (fx, fy, cx, cy) in units of the focal lengths and the image's width.
+void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset,
+                   const std::vector<std::string>& names) {
+  const Camera& camera = cal.rig.cameras[cam];
+  const auto k = params(camera.lens);
+  const double width = camera.size.width;
+  const VecX scale = Vec4(1 / k[0], 1 / k[1], 1 / width, 1 / width);
+  const SymEigen eigen =
+      sym_eigen(scale.asDiagonal() * covariance.block(offset, offset, 4, 4) * scale.asDiagonal());
+  const Tilts tilts = tilts_of(cal, cam);
+  const bool all_alike = cal.data.target.is_planar && tilts.spread_deg < kWeakSpreadDeg;
+  for (int i = 3; i >= 0; --i) {
+    const VecX direction = eigen.vectors.col(i);
+    const double sigma = std::sqrt(std::max(0.0, eigen.values[i]));
+    const auto [text, first] = describe(direction, names, offset);
+    const double bound = first < 2 ? kWeakFocal : kWeakCentre;
+    if (!(sigma > bound) && !(all_alike && i == 3)) continue;
+    WeakDirection weak;
+    weak.parameters = text;
+    weak.sigma = sigma * std::abs(direction[first]) / scale[first];
+    if (sigma > bound) {
+      weak.consequence = fmt::format("{} is known to +-{:.2g} px only ({:.1f} % of {}); {}",
+                                     names[offset + first], weak.sigma, 100 * weak.sigma * scale[first],
+                                     first < 2 ? "its value" : "the image's width", kNextStep);
+    } else {
+      weak.consequence = fmt::format(
+          "the {} boards that camera {} saw are within {:.1f} degrees of parallel, so that errors common to "
+          "all of them "
+          "move {} by more than the predicted +-{:.2g} px; {}",
+          tilts.n_views, camera.name, tilts.spread_deg, names[offset + first], weak.sigma, kNextStep);
+    }
+    cal.stats.weak.push_back(std::move(weak));
+  }
+}
+
+void add_weak_pose(Calibration& cal, const MatX& covariance, int cam, int offset,
+                   const std::vector<std::string>& names) {
+  const double baseline_m = std::max(cal.rig.T_cam_rig[cam].t().norm(), 1e-12);
+  const SymEigen turn = sym_eigen(covariance.block(offset, offset, 3, 3));
+  const SymEigen shift = sym_eigen(covariance.block(offset + 3, offset + 3, 3, 3));
+  const double turn_deg = kDegPerRad * std::sqrt(std::max(0.0, turn.values[2]));
+  const double shift_m = std::sqrt(std::max(0.0, shift.values[2]));
+  const char* next = "add frames in which both cameras see the board, near and far";
+  if (turn_deg > kWeakTurnDeg) {
+    cal.stats.weak.push_back({describe(turn.vectors.col(2), names, offset).first, turn_deg / kDegPerRad,
+                              fmt::format("the rotation of camera {} is known to +-{:.2g} degrees only; {}",
+                                          cal.rig.cameras[cam].name, turn_deg, next)});
+  }
+  if (shift_m > kWeakBaseline * baseline_m) {
+    cal.stats.weak.push_back(
+        {describe(shift.vectors.col(2), names, offset + 3).first, shift_m,
+         fmt::format("the position of camera {} is known to +-{:.2g} m only ({:.0f} % of the "
+                     "baseline); {}",
+                     cal.rig.cameras[cam].name, shift_m, 100 * shift_m / baseline_m, next)});
+  }
+}
+
+// A held focal length has no variance and cannot be refused.
+Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset) {
+  const Camera& camera = cal.rig.cameras[cam];
+  const double fx = params(camera.lens)[0], sigma = std::sqrt(covariance(offset, offset));
+  const Tilts tilts = tilts_of(cal, cam);
+  const bool head_on = cal.data.target.is_planar && is_central_perspective(camera.lens) &&
+                       tilts.largest_deg < kHeadOnDeg && sigma > 0;
+  if (!(sigma > kUselessFocal * fx) && !head_on) return {};
+  return Error{
+      ErrorCode::kDegenerate,
+      fmt::format(
+          "its {} views do not determine the focal length: {:.4g} +- {:.2g} px from boards that are within "
+          "{:.1f} degrees of parallel to one another and {:.1f} degrees of parallel to the image; {}",
+          tilts.n_views, fx, sigma, tilts.spread_deg, tilts.largest_deg, kNextStep),
+      "camera " + camera.name};
+}
+
+}  // namespace
+
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
+  const std::vector<std::string> names = shared_parameter_names(cal.rig);
   const SharedCovariance c = shared_covariance(cal, spec);
-  if (c.unit_covariance) cal.covariance = c.variance * *c.unit_covariance;
+  cal.covariance = c.variance * c.unit_covariance;
+  const MatX judged = std::max(c.variance, kSmallestNoisePx * kSmallestNoisePx) * c.unit_covariance;
+  int offset = 0;
+  const int n_cams = static_cast<int>(cal.rig.cameras.size());
+  for (int cam = 0; cam < n_cams; ++cam) {
+    if (auto status = refuse_useless(cal, judged, cam, offset); !status) return status;
+    add_weak_lens(cal, judged, cam, offset, names);
+    offset += n_params(cal.rig.cameras[cam].lens);
+  }
+  for (int cam = 1; cam < n_cams; ++cam, offset += 6) add_weak_pose(cal, judged, cam, offset, names);
+  if (c.null_direction.size() > 0) {
+    // Terms of a lens with more terms than the views can tell apart: harmless for the pixels that the boards
+    // covered.
+    const auto [text, first] = describe(c.null_direction, names, 0);
+    cal.stats.weak.push_back(
+        {text, std::sqrt(judged(first, first)),
+         "these can change together without changing any residual, and mean nothing one by one; "
+         "choose a lens with fewer terms or hold some with --fix"});
+  }
   return {};
 }
 
