@@ -225,6 +225,14 @@ MatX read_covariance(const Field& block, const Rig& rig) {
   return Eigen::Map<const MatX>(values.data(), n, n).transpose();
 }
 
+/// A rig that was read from elsewhere: a summary of zeros would be a false one.
+bool is_rig_only(const Calibration& calibration) {
+  const SolveStats& stats = calibration.stats;
+  const Provenance& provenance = calibration.provenance;
+  return calibration.data.target.points.empty() && stats.rms_px == 0 && stats.n_corners == 0 &&
+         stats.termination.empty() && provenance.version.empty() && provenance.options.empty();
+}
+
 Result<Calibration> read_calibration(const Field& root) {
   if (!root.is_map() || !root.has("plumbline_calibration")) {
     root.fail("not a calibration: it has no 'plumbline_calibration'");
@@ -311,8 +319,10 @@ std::string format_calibration(const Calibration& calibration) {
       "# top-left pixel is (0, 0); x right, y down, z forward; quaternions are w, x, y, z.\n";
   io::append(out, "plumbline_calibration: {}\n", io::kCalibrationVersion);
   io::write_rig_fields(out, calibration.rig);
-  io::write_summary(out, calibration.stats);
-  io::write_provenance(out, calibration.provenance);
+  if (!io::is_rig_only(calibration)) {
+    io::write_summary(out, calibration.stats);
+    io::write_provenance(out, calibration.provenance);
+  }
   if (calibration.covariance) io::write_covariance(out, *calibration.covariance);
   if (!calibration.data.target.points.empty()) io::write_data(out, calibration);
   return out;

@@ -1,2 +1,90 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "plumbline/io/formats.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <set>
+
+#include "io/formats/common.hpp"
+#include "plumbline/core/text.hpp"
+
+namespace plumbline {
+namespace {
+
+/// THE table of formats: a new one is its file in formats/, its name in formats/common.hpp and its line here.
+constexpr std::array<const Format*, 6> kFormats{&io::kNativeFormat, &io::kOpencvFormat, &io::kRosFormat,
+                                                &io::kKalibrFormat, &io::kMrcalFormat,  &io::kColmapFormat};
+
+std::string known_names() {
+  std::vector<std::string> names;
+  for (const Format* format : kFormats) names.emplace_back(format->name);
+  return join(names, ", ");
+}
+
+Result<const Format*> format_of(std::span<const NamedBytes> files) {
+  const Format* found = nullptr;
+  for (const NamedBytes& file : files) {
+    const auto format = std::find_if(kFormats.begin(), kFormats.end(),
+                                     [&](const Format* f) { return f->recognises(file.bytes); });
+    if (format == kFormats.end()) {
+      return Error{
+          ErrorCode::kParse,
+          "not a camera file of a format that is known (" + known_names() + "); say which with --from",
+          file.name};
+    }
+    if (found && found != *format) {
+      return Error{ErrorCode::kInvalidData,
+                   fmt::format("this file is of format {}, those before are of {}; give files of one format",
+                               (*format)->name, found->name),
+                   file.name};
+    }
+    found = *format;
+  }
+  return found;
+}
+
+/// Names come from files and from file names, so that two may be the same.
+void make_names_distinct(Rig& rig) {
+  std::set<std::string> taken;
+  for (Camera& camera : rig.cameras) {
+    const std::string base = camera.name.empty() ? "camera" : camera.name;
+    camera.name = base;
+    for (int n = 2; !taken.insert(camera.name).second; ++n) camera.name = fmt::format("{}_{}", base, n);
+  }
+}
+
+}  // namespace
+
+std::span<const Format* const> formats() { return kFormats; }
+
+const Format* find_format(std::string_view name) {
+  for (const Format* format : kFormats) {
+    if (format->name == name) return format;
+  }
+  return nullptr;
+}
+
+Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name) {
+  if (files.empty()) return Error{ErrorCode::kInvalidData, "no camera file was given", ""};
+  const Format* format = find_format(format_name);
+  if (!format && !format_name.empty()) {
+    return Error{ErrorCode::kUnsupported,
+                 fmt::format("no format is called '{}'; known are: {}", format_name, known_names()), ""};
+  }
+  if (!format) {
+    auto found = format_of(files);
+    if (!found) return found.error();
+    format = *found;
+  }
+  if (!format->read)
+    return Error{ErrorCode::kUnsupported, fmt::format("format {} can only be written", format->name),
+                 files[0].name};
+  auto rig = format->read(files);
+  if (!rig) return rig.error();
+  make_names_distinct(*rig);
+  return rig;
+}
+
+}  // namespace plumbline

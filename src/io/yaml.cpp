@@ -98,13 +98,6 @@ class Builder : public YAML::EventHandler {
   std::size_t n_nodes_ = 0;
 };
 
-void set_parents(YamlNode& node) {
-  for (YamlNode& item : node.items) {
-    item.parent = &node;
-    set_parents(item);
-  }
-}
-
 /// Reads from the caller's text without copying it.
 class ViewBuffer : public std::streambuf {
  public:
@@ -128,6 +121,13 @@ Error parse_error(const std::string& message, int line) {
 }
 
 }  // namespace
+
+void set_parents(YamlNode& node) {
+  for (YamlNode& item : node.items) {
+    item.parent = &node;
+    set_parents(item);
+  }
+}
 
 Result<std::unique_ptr<YamlNode>> parse_yaml(std::string_view text) {
   if (text.size() > kMaxBytes) return parse_error("more than 64 MiB of YAML", 0);

@@ -88,21 +88,32 @@ T value_or_throw(Result<T> result, const Field& field) {
   return *std::move(result);
 }
 
-/// read(root) with every FieldError made an Error; `file` (may be empty) stands first in Error::where.
+/// read(root) of a tree with every FieldError made an Error; `file` (may be empty) stands first in
+/// Error::where.
 template <class T, class Read>
-Result<T> read_yaml(std::string_view text, const std::string& file, Read&& read) {
+Result<T> read_tree(Result<std::unique_ptr<YamlNode>> tree, const std::string& file, Read&& read) {
   const auto named = [&](Error error) {
     if (!file.empty()) error.where = error.where.empty() ? file : file + ": " + error.where;
     return error;
   };
-  auto tree = parse_yaml(text);
   if (!tree) return named(tree.error());
   try {
-    return read(Field(**tree));
+    Result<T> result = read(Field(**tree));
+    if (!result) return named(result.error());
+    return result;
   } catch (const FieldError& failed) {
     return named(failed.error());
   }
 }
+
+/// The same for a text.
+template <class T, class Read>
+Result<T> read_yaml(std::string_view text, const std::string& file, Read&& read) {
+  return read_tree<T>(parse_yaml(text), file, std::forward<Read>(read));
+}
+
+/// Sets YamlNode::parent throughout a finished tree.
+void set_parents(YamlNode& node);
 
 /// The word of `known` nearest to `word` by edit distance; empty when none is near.
 std::string nearest_word(std::string_view word, const std::vector<std::string_view>& known);
