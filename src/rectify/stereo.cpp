@@ -83,23 +83,33 @@ std::optional<Frame> frame_from_corners(const std::array<RotatedView, 2>& views,
 }
 
 // The frame for everything else (fisheyes, strong convergence): centred where the valid image can be largest,
-// found on a grid of directions.
+// found on a grid of directions and then on a finer one around the best of them.
 std::optional<Frame> frame_from_search(const std::array<RotatedView, 2>& views, ImageSize size) {
   std::optional<Frame> best;
   double best_focal = std::numeric_limits<double>::infinity();
-  constexpr int kHalf = 12;
-  for (int row = -kHalf; row <= kHalf; ++row) {
-    for (int col = -kHalf; col <= kHalf; ++col) {
-      const double step = 75.0 / kHalf * std::numbers::pi / 180;
-      const Vec2 q(std::tan(col * step), std::tan(row * step));
-      if (!views[0].sees(q) || !views[1].sees(q)) continue;
-      const Frame frame{q, 0.5 * Vec2(size.width - 1, size.height - 1), size};
-      const double focal =
-          focal_of_valid(frame, {inner_outline(views[0], q, 72), inner_outline(views[1], q, 72)});
-      if (!(focal < best_focal * (1 - 1e-9))) continue;  // ties: the first, whatever the rounding
-      best_focal = focal;
-      best = frame;
+  const auto consider = [&](const Vec2& angles) {
+    const Vec2 q(std::tan(angles.x()), std::tan(angles.y()));
+    if (!views[0].sees(q) || !views[1].sees(q)) return false;
+    const Frame frame{q, 0.5 * Vec2(size.width - 1, size.height - 1), size};
+    const double focal =
+        focal_of_valid(frame, {inner_outline(views[0], q, 32), inner_outline(views[1], q, 32)});
+    if (!(focal < best_focal * (1 - 1e-9))) return false;  // ties: the first, whatever the rounding
+    best_focal = focal;
+    best = frame;
+    return true;
+  };
+  Vec2 middle = Vec2::Zero();
+  double step = 10 * std::numbers::pi / 180;
+  for (int half : {7, 2, 2}) {
+    Vec2 next = middle;
+    for (int row = -half; row <= half; ++row) {
+      for (int col = -half; col <= half; ++col) {
+        const Vec2 angles = middle + step * Vec2(col, row);
+        if (consider(angles)) next = angles;
+      }
     }
+    middle = next;
+    step /= 4;
   }
   return best;
 }

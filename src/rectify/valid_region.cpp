@@ -43,7 +43,7 @@ std::vector<Vec2> inner_outline(const RotatedView& view, const Vec2& anchor, int
       if (!view.sees(anchor + high * direction)) break;
       low = high;
     }
-    for (int k = 0; k < 45 && step <= kSteps; ++k) {
+    for (int k = 0; k < 36 && step <= kSteps; ++k) {
       const double middle = 0.5 * (low + high);
       (view.sees(anchor + middle * direction) ? low : high) = middle;
     }

@@ -20,7 +20,7 @@ struct RotatedView {
 /// The border of what `view` sees around `anchor`, as `n` points: along each of n rays from the anchor the
 /// last point of the plane before the view ends. The region between is valid whatever the lens. Empty when
 /// the anchor is not seen.
-std::vector<Vec2> inner_outline(const RotatedView& view, const Vec2& anchor, int n = 1440);
+std::vector<Vec2> inner_outline(const RotatedView& view, const Vec2& anchor, int n = 720);
 
 /// The pixels of the image's border in the plane, drawn in to kMaxHalfAngle_deg where they lie beyond; pixels
 /// that no ray of the lens reaches are left out.
