@@ -51,7 +51,8 @@ void write_text(const fs::path& file, const std::string& text) {
 Run run(const std::string& command) {
   const TempDir dir;
   const fs::path out = dir / "out", err = dir / "err";
-  const int status = std::system(("(" + command + ") >'" + out.string() + "' 2>'" + err.string() + "'").c_str());
+  const int status =
+      std::system(("(" + command + ") >'" + out.string() + "' 2>'" + err.string() + "'").c_str());
   return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_text(out), read_text(err)};
 }
 
