@@ -68,13 +68,14 @@ std::optional<Vec3> newton(const L& lens, const Vec2& px, Vec2 chart) {
   auto q = lens.project(ray_of<L>(chart, &J_ray_chart), &J_px_ray);
   if (!q) return std::nullopt;
   double error_px = (px - *q).norm();
-  const double good_px = 1e-13 * (1 + px.norm());  // rounding of the projection itself
-  for (int i = 0; i < 50 && error_px > good_px; ++i) {
+  const double scale_px = 1 + px.norm();
+  for (int i = 0; i < 50 && error_px > 1e-15 * scale_px; ++i) {
     const Mat2 J = J_px_ray * J_ray_chart;
     Vec2 step = J.inverse() * (px - *q);
     if (!step.allFinite()) break;
     bool better = false;
-    for (int halving = 0; halving < 12 && !better; ++halving, step *= 0.5) {
+    const int trials = error_px < 1e-9 * scale_px ? 1 : 12;  // so near, a step that does not help is rounding
+    for (int trial_index = 0; trial_index < trials && !better; ++trial_index, step *= 0.5) {
       Mat32 J_trial_chart;
       Mat23 J_trial;
       const Vec2 trial = moved(chart, step);
@@ -88,7 +89,7 @@ std::optional<Vec3> newton(const L& lens, const Vec2& px, Vec2 chart) {
     }
     if (!better) break;
   }
-  if (!(error_px < 1e-10 + 1e-12 * px.norm())) return std::nullopt;
+  if (!(error_px < 1e-10 + 1e-13 * scale_px)) return std::nullopt;
   return ray_of<L>(chart).normalized();
 }
 

@@ -56,7 +56,6 @@ const std::vector<double> kAngles{0,
                                   std::numbers::pi - 1e-12};
 
 TEST(So3, SkewIsTheCrossProduct) {
-  Rng rng(1);
   const Vec3 a(1, 2, 3), b(-4, 0.5, 2);
   EXPECT_EQ(skew(a) * b, a.cross(b));
   EXPECT_EQ(skew(a).transpose(), -skew(a));

@@ -89,14 +89,13 @@ struct BrownConrady {
     }
     if (J_px_k) {
       auto& J = *J_px_k;
-      J.template leftCols<8>() << xd, 0, 1, 0, fx * x * s * iq, fx * x * s * s * iq, fx * 2 * xy, fx * a,  //
-          0, yd, 0, 1, fy * y * s * iq, fy * y * s * s * iq, fy * b, fy * 2 * xy;
-      if constexpr (N >= 5) J.col(8) << fx * x * s * s * s * iq, fy * y * s * s * s * iq;
-      if constexpr (N >= 8) {
-        double power = s;
-        for (int i = 9; i < 12; ++i, power *= s)
-          J.col(i) << -fx * x * c * iq * power, -fy * y * c * iq * power;
-      }
+      const double u1 = fx * x * s * iq, u2 = u1 * s, u3 = u2 * s, v1 = fy * y * s * iq, v2 = v1 * s,
+                   v3 = v2 * s;
+      J.template leftCols<8>() << xd, 0, 1, 0, u1, u2, fx * 2 * xy, fx * a,  //
+          0, yd, 0, 1, v1, v2, fy * b, fy * 2 * xy;
+      if constexpr (N >= 5) J.col(8) << u3, v3;
+      if constexpr (N >= 8)
+        J.template middleCols<3>(9) << -c * u1, -c * u2, -c * u3, -c * v1, -c * v2, -c * v3;
       if constexpr (N >= 12) J.template rightCols<4>() << fx * s, fx * s * s, 0, 0, 0, 0, fy * s, fy * s * s;
     }
     return px;

@@ -48,22 +48,23 @@ struct KannalaBrandt4 {
     const double c = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)));  // d(theta) / theta
     // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z; straight back it grows without bound instead.
     const bool on_axis = r < 1e-9 * Z;
-    const double theta_r = on_axis ? 1 / Z : theta / r, g = c * theta_r;
+    const double inv_r = 1 / r, theta_r = on_axis ? 1 / Z : theta * inv_r, g = c * theta_r;
     const double mx = g * X, my = g * Y;
     const Vec2 px(fx * mx + cx, fy * my + cy);
     if (!std::isfinite(px.x() + px.y())) return std::nullopt;
     if (J_px_p) {
       const double d_theta = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)));
       // dg/dr / r = (d'(theta) Z / nn - g) / rr, and dg/dZ = -d'(theta) / nn
-      const double g_r = on_axis ? 0.0 : (d_theta * Z / nn - g) / rr, g_z = -d_theta / nn;
+      const double g_z = -d_theta / nn, g_r = on_axis ? 0.0 : -(g_z * Z + g) * inv_r * inv_r;
       *J_px_p << fx * (g + X * X * g_r), fx * X * Y * g_r, fx * X * g_z,  //
           fy * X * Y * g_r, fy * (g + Y * Y * g_r), fy * Y * g_z;
     }
     if (J_px_k) {
       auto& J = *J_px_k;
       J.leftCols<4>() << mx, 0, 1, 0, 0, my, 0, 1;
-      double power = theta_r * s;
-      for (int i = 4; i < 8; ++i, power *= s) J.col(i) << fx * X * power, fy * Y * power;
+      const double u1 = fx * X * theta_r * s, u2 = u1 * s, u3 = u2 * s, v1 = fy * Y * theta_r * s,
+                   v2 = v1 * s, v3 = v2 * s;
+      J.rightCols<4>() << u1, u2, u3, u3 * s, v1, v2, v3, v3 * s;
     }
     return px;
   }

@@ -65,7 +65,7 @@ Mat3 camera_matrix_k(const Lens& lens);
 std::optional<Vec2> project(const Lens& lens, const Vec3& p_cam, Mat23* J_px_p = nullptr,
                             JacLens* J_px_k = nullptr);
 
-/// The unit ray in the camera frame that projects to px, to 1e-10 px (+ 1e-12 of px); nullopt when no ray of
+/// The unit ray in the camera frame that projects to px, to 1e-10 px (+ 1e-13 of px); nullopt when no ray of
 /// the domain does.
 std::optional<Vec3> unproject(const Lens& lens, const Vec2& px);
 

@@ -23,13 +23,26 @@ bool bernstein_positive(const std::array<double, N>& b, int depth) {
   return bernstein_positive(left, depth - 1) && bernstein_positive(right, depth - 1);
 }
 
+/// 1 / C(n, j) for j = 0..n.
+template <std::size_t N>
+constexpr std::array<double, N> inverse_binomials() {
+  std::array<double, N> inverse{};
+  double choose = 1;
+  for (std::size_t j = 0; j < N; ++j) {
+    inverse[j] = 1 / choose;
+    choose = choose * static_cast<double>(N - 1 - j) / static_cast<double>(j + 1);
+  }
+  return inverse;
+}
+
 /// Whether the polynomial with coefficients c (c[0] + c[1] s + ...) is positive everywhere on [0, s_max],
-/// s_max >= 0. Nearly always the negative terms at s_max, taken together, are smaller than c[0], and that
-/// settles it; otherwise the Bernstein coefficients do (Farouki, "The Bernstein polynomial basis: a
-/// centennial retrospective", 2012). A polynomial that touches zero to within about 1e-9 of its size counts
-/// as not positive; so does one with NaN.
+/// s_max >= 0. For most points of a mild lens the negative terms at s_max, taken together, are smaller than
+/// c[0], and that settles it; otherwise the Bernstein coefficients do (Farouki, "The Bernstein polynomial
+/// basis: a centennial retrospective", 2012). A polynomial that touches zero to within rounding may be judged
+/// either way; one with a NaN is not positive.
 template <std::size_t N>
 bool positive_on(const std::array<double, N>& c, double s_max) {
+  static constexpr std::array<double, N> kInverse = inverse_binomials<N>();
   std::array<double, N> b;
   double power = 1, low = 0, sum = 0;
   for (std::size_t j = 0; j < N; ++j, power *= s_max) {
@@ -40,11 +53,7 @@ bool positive_on(const std::array<double, N>& c, double s_max) {
   if (low > 0) return true;
   if (!(c[0] > 0) || !(sum > 0)) return false;  // the values at the ends
   // b_i = sum over j <= i of C(i, j) / C(degree, j) c_j s_max^j, the sums by Pascal's rule.
-  double choose = 1;  // C(degree, j)
-  for (std::size_t j = 0; j < N; ++j) {
-    b[j] /= choose;
-    choose = choose * static_cast<double>(N - 1 - j) / static_cast<double>(j + 1);
-  }
+  for (std::size_t j = 0; j < N; ++j) b[j] *= kInverse[j];
   for (std::size_t k = 1; k < N; ++k) {
     for (std::size_t i = N - 1; i >= k; --i) b[i] += b[i - 1];
   }
