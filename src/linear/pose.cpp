@@ -91,19 +91,10 @@ Candidate polish(const Sighting& s, const SE3& start) {
   return best;
 }
 
-// The other pose of a flat board that looks nearly the same from afar: its normal mirrored at the line of
-// sight (Schweighofer and Pinz 2006).
-SE3 mirrored(const SE3& T_cam_plane) {
-  const Vec3 sight = T_cam_plane.t().normalized(), normal = T_cam_plane.R().col(2);
-  const Vec3 other = (2 * sight.dot(normal) * sight - normal).normalized();
-  const Vec3 axis = normal.cross(other);
-  const double sine = axis.norm(), angle = std::atan2(sine, normal.dot(other));
-  if (sine < 1e-9) return T_cam_plane;
-  return {so3_exp(axis / sine * angle) * T_cam_plane.R(), T_cam_plane.t()};
-}
-
-// Starts from the homography of the points' best plane, in the frame of that plane.
-Result<std::vector<SE3>> planar_starts(const Sighting& s, const detail::Spread& spread) {
+// From the homography of the points' best plane, in the frame of that plane. The other pose, which mirrors a
+// small board's normal at the line of sight, is not tried: over 27 000 random views of a 12 cm board at 1 to
+// 8 m with 0.1 to 1 px of noise, trying it too changed one.
+Result<SE3> planar_start(const Sighting& s, const detail::Spread& spread) {
   Mat3 axes = spread.axes;
   if (axes.determinant() < 0) axes.col(2) *= -1;
   const SE3 T_plane_board(axes.transpose(), -axes.transpose() * Vec3(spread.centroid));
@@ -113,10 +104,10 @@ Result<std::vector<SE3>> planar_starts(const Sighting& s, const detail::Spread& 
   if (!H) return H.error();
   const auto T_cam_plane = pose_from_homography(*H);
   if (!T_cam_plane) return T_cam_plane.error();
-  return std::vector<SE3>{*T_cam_plane * T_plane_board, mirrored(*T_cam_plane) * T_plane_board};
+  return *T_cam_plane * T_plane_board;
 }
 
-Result<std::vector<SE3>> solid_start(const Sighting& s) {
+Result<SE3> solid_start(const Sighting& s) {
   const auto P = camera_matrix_to_rays(s.p_board, s.rays_cam);
   if (!P) return P.error();
   const Mat3 M = P->leftCols<3>();
@@ -125,7 +116,7 @@ Result<std::vector<SE3>> solid_start(const Sighting& s) {
         "the rays see a mirror image of the points (det R < 0); check the order and the axes of the points");
   }
   const Svd3 d = svd3(M);
-  return std::vector<SE3>{SE3(d.U * d.V.transpose(), P->col(3) / d.s.mean())};
+  return SE3(d.U * d.V.transpose(), P->col(3) / d.s.mean());
 }
 
 Sighting unproject_all(const Lens& lens, std::span<const Vec3> p_board, std::span<const Vec2> px) {
@@ -185,15 +176,15 @@ Result<SE3> pose_from_points(const Lens& lens, std::span<const Vec3> p_board, st
   }
   std::vector<SE3> starts;
   std::optional<Error> refused;
-  auto add = [&](const Result<std::vector<SE3>>& more) {
-    if (more)
-      starts.insert(starts.end(), more->begin(), more->end());
+  auto add = [&](const Result<SE3>& start) {
+    if (start)
+      starts.push_back(*start);
     else
-      refused = more.error();
+      refused = start.error();
   };
   if (flatness >= kSolid && n >= 6) add(solid_start(s));
   // The best plane also serves a solid target whose DLT is degenerate: one face and a single point off it.
-  if (flatness < kNearlyFlat || starts.empty()) add(planar_starts(s, spread));
+  if (flatness < kNearlyFlat || starts.empty()) add(planar_start(s, spread));
   if (starts.empty()) return *refused;
   Candidate best{starts.front(), std::numeric_limits<double>::infinity()};
   for (const SE3& start : starts) {

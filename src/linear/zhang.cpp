@@ -131,20 +131,15 @@ double uncertainty(const MatX& V, const ConicCamera& camera, const VecX& e) {
   return (camera.J * inverse * V.transpose() * e.asDiagonal()).rowwise().norm().maxCoeff();
 }
 
-struct VanishingLines {
-  double tilt;    // RMS distance from the line at infinity: the tilt of the boards over the focal length
-  double spread;  // RMS distance from one another: zero for parallel boards
-};
-
-VanishingLines vanishing_lines(const std::vector<Mat32>& views) {
+// RMS distance of the boards' vanishing lines from their mean: zero for parallel boards.
+double vanishing_line_spread(const std::vector<Mat32>& views) {
   MatX l(3, static_cast<Eigen::Index>(views.size()));
   for (std::size_t i = 0; i < views.size(); ++i) {
     const Vec3 line = views[i].col(0).cross(views[i].col(1)).normalized();
     l.col(static_cast<Eigen::Index>(i)) = line.z() < 0 ? Vec3(-line) : line;
   }
-  const double root_n = std::sqrt(static_cast<double>(views.size()));
   const MatX apart = l.colwise() - VecX(l.rowwise().mean());
-  return {l.topRows(2).norm() / root_n, apart.norm() / root_n};
+  return apart.norm() / std::sqrt(static_cast<double>(views.size()));
 }
 
 }  // namespace
@@ -181,7 +176,7 @@ Result<Mat3> zhang_k(std::span<const Mat3> H_px_board, ImageSize size) {
                     views.size(), ratio, kAdvice));
   }
   const VecX e = row_noise(views, conic(B));
-  const double noise = column_noise(V * B, e, 4), spread = vanishing_lines(views).spread;
+  const double noise = column_noise(V * B, e, 4), spread = vanishing_line_spread(views);
   const double least = kLinesOverNoise * std::min(noise, kMaxColumnNoise);
   if (!(spread >= least)) {
     return degenerate(
@@ -218,13 +213,6 @@ Result<double> zhang_focal(std::span<const Mat3> H_px_board, ImageSize size) {
     across.segment<2>(row) << 2 * u.head<2>().dot(v.head<2>()),
         u.head<2>().squaredNorm() - v.head<2>().squaredNorm();
     along.segment<2>(row) << 2 * u.z() * v.z(), u.z() * u.z() - v.z() * v.z();
-  }
-  const double tilt = vanishing_lines(views).tilt;
-  if (!(tilt >= kLinesOverNoise * kColumnNoise)) {
-    return degenerate(
-        fmt::format("{} views do not determine a focal length: the boards are parallel to the image "
-                    "(tilt over focal length {:.2g}, at least {:.0e} is needed); {}",
-                    views.size(), tilt, kLinesOverNoise * kColumnNoise, kAdvice));
   }
   const double f2 = -along.dot(across) / along.squaredNorm();
   if (!(f2 > 0) || !std::isfinite(f2)) {

@@ -247,9 +247,9 @@ TEST(PoseFromPoints, AgreesWithSolvePnP) {
   }
 }
 
-TEST(PoseFromPoints, FindsTheTrueOneOfTheTwoPosesOfASmallBoard) {
-  // Far away the two poses that mirror the board's normal at the line of sight look nearly alike, and the
-  // closed form may land at the wrong one. Never may the answer explain the pixels worse than the truth does.
+TEST(PoseFromPoints, ExplainsASmallFarBoardNoWorseThanTheTruth) {
+  // From afar the two poses that mirror the board's normal at the line of sight look nearly alike: landing in
+  // the worse one would show here.
   const Lens lens = lens_of("pinhole", {600, 600, 320, 240});
   Rng rng(10);
   for (int i = 0; i < 300; ++i) {

@@ -10,13 +10,17 @@ namespace plumbline {
 
 /// Camera matrix from 3-D/2-D correspondences: normalised DLT (Hartley & Zisserman 2004, alg. 7.1).
 /// Solves  w [px; 1] = P [p_world; 1],  P fixed to ||P(2, 0:2)|| = 1 and positive depth of the points.
-/// \param p_world  n >= 6 points [m], NOT coplanar   \param px  n pixels [px]
-/// \returns P (3x4); kDegenerate when the points lie in a plane to 1e-6 of their extent, or the null space of
-/// the
-///          normalised system has more than one dimension (sigma_11 < 1e-9 sigma_1)
+/// \param p_world  n >= 6 points, any unit, NOT coplanar
+/// \param px  n pixels [px]; fewer than 6, or unequal numbers, throw std::invalid_argument
+/// \returns P (3x4); kDegenerate when the points, or all but one, lie in a plane to 1e-6 of their
+///          extent, or the null space of the normalised system has more than one dimension
+///          (sigma_11 < 1e-9 sigma_1: a plane and a line through the camera, a twisted cubic through
+///          the camera); kInvalidData for NaN
 Result<Mat34> camera_matrix(std::span<const Vec3> p_world, std::span<const Vec2> px);
 
-/// The same onto rays: P = [R | t] up to scale from n >= 6 points and unit rays of a known lens, any z.
+/// The same onto rays: P = [R | t] from n >= 6 points and unit rays of a known lens, any z, scaled to
+/// |det| = 1 of its left block and  ray ~ P [p; 1]  with positive factors. The left block is a
+/// rotation only as far as noise allows.
 Result<Mat34> camera_matrix_to_rays(std::span<const Vec3> p_world, std::span<const Vec3> rays_cam);
 
 /// P = K [R | t] = K R [I | -C].
