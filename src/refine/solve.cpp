@@ -12,7 +12,6 @@
 #include <mutex>
 #include <utility>
 
-#include "plumbline/core/linalg.hpp"
 #include "plumbline/core/text.hpp"
 #include "refine/reprojection_cost.hpp"
 
@@ -21,8 +20,6 @@ namespace plumbline::detail {
 bool takes_part(const Calibration& cal, std::size_t v) {
   return !cal.fits[v].empty() && cal.T_rig_board[cal.data.views[v].frame].has_value();
 }
-
-namespace {
 
 std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, bool use_sigma) {
   std::vector<Observation> list;
@@ -36,11 +33,6 @@ std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, 
   return list;
 }
 
-// Where the shared parameters of a camera start in shared_parameter_names().
-struct Offsets {
-  std::vector<int> lens, pose;  // pose[0] = -1: camera 0 has none
-  int total = 0;
-};
 Offsets offsets_of(const Rig& rig) {
   Offsets o;
   for (const Camera& camera : rig.cameras) {
@@ -53,6 +45,8 @@ Offsets offsets_of(const Rig& rig) {
   }
   return o;
 }
+
+namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
@@ -205,101 +199,6 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
-}
-
-namespace {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-// The part of the normal matrix that one frame's views add, before its pose is eliminated.
-struct FrameNormals {
-  Mat6 H_ff = Mat6::Zero();
-  MatX H_sf;
-  bool used = false;
-};
-
-struct ViewJacobian {
-  VecX r;
-  RowMajor lens, cam, board;
-};
-
-std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
-  std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
-  if (observations.empty()) return std::nullopt;
-  const View& view = cal.data.views[v];
-  const Lens& lens = cal.rig.cameras[view.cam].lens;
-  const auto n = static_cast<Eigen::Index>(2 * observations.size());
-  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7)};
-  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
-  const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
-                            cal.T_rig_board[view.frame]->qt.data()};
-  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data()};
-  if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
-  return J;
-}
-
-}  // namespace
-
-SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
-  MatX S = MatX::Zero(offsets.total, offsets.total);
-  std::vector<FrameNormals> frames(cal.T_rig_board.size());
-  SharedCovariance result;
-  double sum = 0;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    const auto J = view_jacobian(cal, v, spec);
-    if (!J) continue;
-    const View& view = cal.data.views[v];
-    sum += J->r.squaredNorm();
-    result.n_residuals += static_cast<int>(J->r.size());
-    const int n_lens = static_cast<int>(J->lens.cols()), at_lens = offsets.lens[view.cam],
-              at_pose = offsets.pose[view.cam];
-    MatX shared = MatX::Zero(J->r.size(), n_lens + (at_pose >= 0 ? 6 : 0));
-    shared.leftCols(n_lens) = J->lens;
-    if (at_pose >= 0) shared.rightCols(6) = J->cam.leftCols(6);
-    std::vector<int> index(shared.cols());
-    for (int i = 0; i < static_cast<int>(index.size()); ++i)
-      index[i] = i < n_lens ? at_lens + i : at_pose + i - n_lens;
-    const MatX H = shared.transpose() * shared;
-    const MatX C = shared.transpose() * J->board.leftCols(6);
-    FrameNormals& frame = frames[view.frame];
-    if (!frame.used) frame.H_sf = MatX::Zero(offsets.total, 6);
-    frame.used = true;
-    frame.H_ff += J->board.leftCols(6).transpose() * J->board.leftCols(6);
-    for (std::size_t i = 0; i < index.size(); ++i) {
-      frame.H_sf.row(index[i]) += C.row(i);
-      for (std::size_t k = 0; k < index.size(); ++k) S(index[i], index[k]) += H(i, k);
-    }
-  }
-  int n_frames = 0;
-  for (const FrameNormals& frame : frames) {
-    if (!frame.used) continue;
-    ++n_frames;
-    const auto eliminated = solve_spd(frame.H_ff, frame.H_sf.transpose());
-    if (eliminated) S -= frame.H_sf * *eliminated;
-  }
-  // Invert over the free parameters, scaled to a unit diagonal so that radians, metres and pixels compare.
-  std::vector<int> free;
-  for (int i = 0; i < offsets.total; ++i) {
-    if (!is_held(spec, i)) free.push_back(i);
-  }
-  result.n_free = static_cast<int>(free.size()) + 6 * n_frames;
-  result.variance = result.n_residuals > result.n_free ? sum / (result.n_residuals - result.n_free) : 0.0;
-  const MatX S_free = S(free, free);
-  const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
-  const Eigen::Index n = eigen.values.size();
-  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
-  if (n == 0) return result;
-  const double least = 1e-14 * std::max(eigen.values[n - 1], 1e-300);
-  if (!(eigen.values[0] > least)) {
-    result.null_direction = VecX::Zero(offsets.total);
-    result.null_direction(free) = eigen.vectors.col(0);
-  }
-  const MatX scaled = scale.asDiagonal() * eigen.vectors;
-  result.unit_covariance(free, free) =
-      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
-  return result;
 }
 
 Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {
