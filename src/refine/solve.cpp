@@ -139,9 +139,49 @@ std::string one_line(std::string text) {
   return text;
 }
 
+// All parameter blocks in one array, in a fixed order. Ceres orders the blocks of an elimination group by
+// address, and the order decides how sums round: blocks scattered over the heap would give other bytes from
+// run to run.
+class Blocks {
+ public:
+  explicit Blocks(const Calibration& cal) {
+    for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
+    for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
+    for (const auto& T : cal.T_rig_board) {
+      if (T)
+        add(T_rig_board_, T->qt);
+      else
+        T_rig_board_.push_back(0);
+    }
+  }
+  double* lens(int cam) { return &values_[lens_[cam]]; }
+  double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
+  double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+
+  void write_to(Calibration& cal) const {
+    for (std::size_t i = 0; i < lens_.size(); ++i) {
+      const auto k = params(cal.rig.cameras[i].lens);
+      std::copy_n(&values_[lens_[i]], k.size(), k.begin());
+      std::copy_n(&values_[T_cam_rig_[i]], 7, cal.rig.T_cam_rig[i].qt.begin());
+    }
+    for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
+      if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
+    }
+  }
+
+ private:
+  void add(std::vector<std::size_t>& where, std::span<const double> block) {
+    where.push_back(values_.size());
+    values_.insert(values_.end(), block.begin(), block.end());
+  }
+  std::vector<double> values_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
+};
+
 }  // namespace
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
+  Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal.rig);
@@ -150,19 +190,19 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam;
-    double* lens = params(cal.rig.cameras[cam].lens).data();
-    double* T_cam_rig = cal.rig.T_cam_rig[cam].qt.data();
-    double* T_rig_board = cal.T_rig_board[cal.data.views[v].frame]->qt.data();
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    double* k = blocks.lens(cam);
+    double* T_cam_rig = blocks.T_cam_rig(cam);
+    double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
     problem.AddResidualBlock(
-        make_view_cost(cal.rig.cameras[cam].lens, std::move(observations), spec.loss, spec.loss_scale)
-            .release(),
-        nullptr, lens, T_cam_rig, T_rig_board);
+        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr, k,
+        T_cam_rig, T_rig_board);
     if (!problem.HasManifold(T_rig_board)) problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, lens, n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
-    ordering->AddElementToGroup(lens, 1);
+    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
+    ordering->AddElementToGroup(k, 1);
     if (cam == 0)
       problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
     else
@@ -175,6 +215,7 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
+  blocks.write_to(cal);
   SolveReport report;
   report.usable = summary.IsSolutionUsable() && all_finite(cal);
   report.converged = summary.termination_type == ceres::CONVERGENCE;
