@@ -78,8 +78,6 @@ ceres::Solver::Options solver_options(const SolveSpec& spec) {
   options.function_tolerance = spec.tight ? 1e-14 : 1e-7;
   options.parameter_tolerance = spec.tight ? 1e-12 : 1e-8;
   options.gradient_tolerance = spec.tight ? 1e-12 : 1e-10;
-  options.max_trust_region_radius =
-      1e13;                 // keeps a trace of damping, so that a flat valley can be factorised
   options.num_threads = 1;  // more would add in another order and give other bytes
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_consecutive_invalid_steps =
