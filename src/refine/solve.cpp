@@ -12,7 +12,6 @@
 #include <mutex>
 #include <utility>
 
-#include "plumbline/core/linalg.hpp"
 #include "plumbline/core/text.hpp"
 #include "refine/reprojection_cost.hpp"
 
@@ -21,8 +20,6 @@ namespace plumbline::detail {
 bool takes_part(const Calibration& cal, std::size_t v) {
   return !cal.fits[v].empty() && cal.T_rig_board[cal.data.views[v].frame].has_value();
 }
-
-namespace {
 
 std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, bool use_sigma) {
   std::vector<Observation> list;
@@ -36,11 +33,6 @@ std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, 
   return list;
 }
 
-// Where the shared parameters of a camera start in shared_parameter_names().
-struct Offsets {
-  std::vector<int> lens, pose;  // pose[0] = -1: camera 0 has none
-  int total = 0;
-};
 Offsets offsets_of(const Rig& rig) {
   Offsets o;
   for (const Camera& camera : rig.cameras) {
@@ -53,6 +45,8 @@ Offsets offsets_of(const Rig& rig) {
   }
   return o;
 }
+
+namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
@@ -84,8 +78,6 @@ ceres::Solver::Options solver_options(const SolveSpec& spec) {
   options.function_tolerance = spec.tight ? 1e-14 : 1e-7;
   options.parameter_tolerance = spec.tight ? 1e-12 : 1e-8;
   options.gradient_tolerance = spec.tight ? 1e-12 : 1e-10;
-  options.max_trust_region_radius =
-      1e13;                 // keeps a trace of damping, so that a flat valley can be factorised
   options.num_threads = 1;  // more would add in another order and give other bytes
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.max_num_consecutive_invalid_steps =
@@ -145,9 +137,49 @@ std::string one_line(std::string text) {
   return text;
 }
 
+// All parameter blocks in one array, in a fixed order. Ceres orders the blocks of an elimination group by
+// address, and the order decides how sums round: blocks scattered over the heap would give other bytes from
+// run to run.
+class Blocks {
+ public:
+  explicit Blocks(const Calibration& cal) {
+    for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
+    for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
+    for (const auto& T : cal.T_rig_board) {
+      if (T)
+        add(T_rig_board_, T->qt);
+      else
+        T_rig_board_.push_back(0);
+    }
+  }
+  double* lens(int cam) { return &values_[lens_[cam]]; }
+  double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
+  double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+
+  void write_to(Calibration& cal) const {
+    for (std::size_t i = 0; i < lens_.size(); ++i) {
+      const auto k = params(cal.rig.cameras[i].lens);
+      std::copy_n(&values_[lens_[i]], k.size(), k.begin());
+      std::copy_n(&values_[T_cam_rig_[i]], 7, cal.rig.T_cam_rig[i].qt.begin());
+    }
+    for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
+      if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
+    }
+  }
+
+ private:
+  void add(std::vector<std::size_t>& where, std::span<const double> block) {
+    where.push_back(values_.size());
+    values_.insert(values_.end(), block.begin(), block.end());
+  }
+  std::vector<double> values_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
+};
+
 }  // namespace
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
+  Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal.rig);
@@ -156,19 +188,19 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam;
-    double* lens = params(cal.rig.cameras[cam].lens).data();
-    double* T_cam_rig = cal.rig.T_cam_rig[cam].qt.data();
-    double* T_rig_board = cal.T_rig_board[cal.data.views[v].frame]->qt.data();
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    double* k = blocks.lens(cam);
+    double* T_cam_rig = blocks.T_cam_rig(cam);
+    double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
     problem.AddResidualBlock(
-        make_view_cost(cal.rig.cameras[cam].lens, std::move(observations), spec.loss, spec.loss_scale)
-            .release(),
-        nullptr, lens, T_cam_rig, T_rig_board);
+        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr, k,
+        T_cam_rig, T_rig_board);
     if (!problem.HasManifold(T_rig_board)) problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, lens, n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
-    ordering->AddElementToGroup(lens, 1);
+    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
+    ordering->AddElementToGroup(k, 1);
     if (cam == 0)
       problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
     else
@@ -181,6 +213,7 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
+  blocks.write_to(cal);
   SolveReport report;
   report.usable = summary.IsSolutionUsable() && all_finite(cal);
   report.converged = summary.termination_type == ceres::CONVERGENCE;
@@ -205,101 +238,6 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
-}
-
-namespace {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-// The part of the normal matrix that one frame's views add, before its pose is eliminated.
-struct FrameNormals {
-  Mat6 H_ff = Mat6::Zero();
-  MatX H_sf;
-  bool used = false;
-};
-
-struct ViewJacobian {
-  VecX r;
-  RowMajor lens, cam, board;
-};
-
-std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
-  std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
-  if (observations.empty()) return std::nullopt;
-  const View& view = cal.data.views[v];
-  const Lens& lens = cal.rig.cameras[view.cam].lens;
-  const auto n = static_cast<Eigen::Index>(2 * observations.size());
-  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7)};
-  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
-  const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
-                            cal.T_rig_board[view.frame]->qt.data()};
-  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data()};
-  if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
-  return J;
-}
-
-}  // namespace
-
-SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
-  MatX S = MatX::Zero(offsets.total, offsets.total);
-  std::vector<FrameNormals> frames(cal.T_rig_board.size());
-  SharedCovariance result;
-  double sum = 0;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    const auto J = view_jacobian(cal, v, spec);
-    if (!J) continue;
-    const View& view = cal.data.views[v];
-    sum += J->r.squaredNorm();
-    result.n_residuals += static_cast<int>(J->r.size());
-    const int n_lens = static_cast<int>(J->lens.cols()), at_lens = offsets.lens[view.cam],
-              at_pose = offsets.pose[view.cam];
-    MatX shared = MatX::Zero(J->r.size(), n_lens + (at_pose >= 0 ? 6 : 0));
-    shared.leftCols(n_lens) = J->lens;
-    if (at_pose >= 0) shared.rightCols(6) = J->cam.leftCols(6);
-    std::vector<int> index(shared.cols());
-    for (int i = 0; i < static_cast<int>(index.size()); ++i)
-      index[i] = i < n_lens ? at_lens + i : at_pose + i - n_lens;
-    const MatX H = shared.transpose() * shared;
-    const MatX C = shared.transpose() * J->board.leftCols(6);
-    FrameNormals& frame = frames[view.frame];
-    if (!frame.used) frame.H_sf = MatX::Zero(offsets.total, 6);
-    frame.used = true;
-    frame.H_ff += J->board.leftCols(6).transpose() * J->board.leftCols(6);
-    for (std::size_t i = 0; i < index.size(); ++i) {
-      frame.H_sf.row(index[i]) += C.row(i);
-      for (std::size_t k = 0; k < index.size(); ++k) S(index[i], index[k]) += H(i, k);
-    }
-  }
-  int n_frames = 0;
-  for (const FrameNormals& frame : frames) {
-    if (!frame.used) continue;
-    ++n_frames;
-    const auto eliminated = solve_spd(frame.H_ff, frame.H_sf.transpose());
-    if (eliminated) S -= frame.H_sf * *eliminated;
-  }
-  // Invert over the free parameters, scaled to a unit diagonal so that radians, metres and pixels compare.
-  std::vector<int> free;
-  for (int i = 0; i < offsets.total; ++i) {
-    if (!is_held(spec, i)) free.push_back(i);
-  }
-  result.n_free = static_cast<int>(free.size()) + 6 * n_frames;
-  result.variance = result.n_residuals > result.n_free ? sum / (result.n_residuals - result.n_free) : 0.0;
-  const MatX S_free = S(free, free);
-  const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
-  const Eigen::Index n = eigen.values.size();
-  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
-  if (n == 0) return result;
-  const double least = 1e-14 * std::max(eigen.values[n - 1], 1e-300);
-  if (!(eigen.values[0] > least)) {
-    result.null_direction = VecX::Zero(offsets.total);
-    result.null_direction(free) = eigen.vectors.col(0);
-  }
-  const MatX scaled = scale.asDiagonal() * eigen.vectors;
-  result.unit_covariance(free, free) =
-      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
-  return result;
 }
 
 Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {

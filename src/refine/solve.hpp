@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "plumbline/refine/refine.hpp"
+#include "refine/reprojection_cost.hpp"
 
 /// The state of every solve is a Calibration: a view takes part when `fits[v]` is not empty and its frame has
 /// a pose; a corner of such a view takes part unless it is marked as an outlier.
@@ -33,6 +34,17 @@ struct SolveReport {
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
+
+/// The corners of a view that take part; none when the view does not.
+std::vector<Observation> observations_of(const Calibration& calibration, std::size_t view, bool use_sigma);
+
+/// Where the shared parameters of each camera start in shared_parameter_names(); pose[0] = -1: camera 0 has
+/// none.
+struct Offsets {
+  std::vector<int> lens, pose;
+  int total = 0;
+};
+Offsets offsets_of(const Rig& rig);
 
 /// Residuals of all corners of all views that take part. A corner that the lens does not project is marked as
 /// an outlier, with a zero residual; their number is returned.

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <ceres/cost_function.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "plumbline/core/linalg.hpp"
+#include "refine/solve.hpp"
+
+namespace plumbline::detail {
+
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+struct ViewJacobian {
+  VecX r;
+  RowMajor lens, cam, board;
+};
+
+std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
+  std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
+  if (observations.empty()) return std::nullopt;
+  const View& view = cal.data.views[v];
+  const Lens& lens = cal.rig.cameras[view.cam].lens;
+  const auto n = static_cast<Eigen::Index>(2 * observations.size());
+  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7)};
+  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
+  const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
+                            cal.T_rig_board[view.frame]->qt.data()};
+  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data()};
+  if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
+  return J;
+}
+
+// All views of one frame: d(r)/d(board pose) in the first six columns, d(r)/d(shared parameters) in the
+// others.
+struct FrameJacobian {
+  MatX J;
+  double sum = 0;  // of squared residuals
+};
+
+FrameJacobian frame_jacobian(const Calibration& cal, const std::vector<int>& views, const Offsets& offsets,
+                             const SolveSpec& spec) {
+  std::vector<std::pair<int, ViewJacobian>> parts;
+  Eigen::Index n_rows = 0;
+  for (int v : views) {
+    if (auto J = view_jacobian(cal, v, spec)) {
+      n_rows += J->r.size();
+      parts.emplace_back(cal.data.views[v].cam, *std::move(J));
+    }
+  }
+  FrameJacobian frame{MatX::Zero(n_rows, 6 + offsets.total), 0};
+  Eigen::Index row = 0;
+  for (const auto& [cam, part] : parts) {
+    const Eigen::Index n = part.r.size();
+    frame.J.block(row, 0, n, 6) = part.board.leftCols(6);
+    frame.J.block(row, 6 + offsets.lens[cam], n, part.lens.cols()) = part.lens;
+    if (offsets.pose[cam] >= 0) frame.J.block(row, 6 + offsets.pose[cam], n, 6) = part.cam.leftCols(6);
+    frame.sum += part.r.squaredNorm();
+    row += n;
+  }
+  return frame;
+}
+
+// Makes the last columns orthogonal to the first six (modified Gram-Schmidt, twice, which is enough: Giraud,
+// Langou, Rozloznik 2005). Then S = J_s' J_s of what is left: the Schur complement without the cancellation
+// that H_ss - H_sf H_ff^-1 H_fs suffers, which would hide flat directions of a rational lens behind rounding.
+void project_out_pose(MatX& J) {
+  for (int pass = 0; pass < 2; ++pass) {
+    for (int k = 0; k < 6; ++k) {
+      const double norm = J.col(k).norm();
+      if (!(norm > 0)) continue;
+      J.col(k) /= norm;
+      for (Eigen::Index i = k + 1; i < J.cols(); ++i) J.col(i) -= J.col(k).dot(J.col(i)) * J.col(k);
+    }
+  }
+}
+
+}  // namespace
+
+SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal.rig);
+  std::vector<std::vector<int>> views_of(cal.T_rig_board.size());
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (takes_part(cal, v)) views_of[cal.data.views[v].frame].push_back(static_cast<int>(v));
+  }
+  MatX S = MatX::Zero(offsets.total, offsets.total);
+  SharedCovariance result;
+  double sum = 0;
+  int n_frames = 0;
+  for (const std::vector<int>& views : views_of) {
+    if (views.empty()) continue;
+    FrameJacobian frame = frame_jacobian(cal, views, offsets, spec);
+    project_out_pose(frame.J);
+    const auto J_s = frame.J.rightCols(offsets.total);
+    S.noalias() += J_s.transpose() * J_s;
+    sum += frame.sum;
+    result.n_residuals += static_cast<int>(frame.J.rows());
+    ++n_frames;
+  }
+  std::vector<int> free;
+  for (int i = 0; i < offsets.total; ++i) {
+    if (spec.held.empty() || !spec.held[i]) free.push_back(i);
+  }
+  result.n_free = static_cast<int>(free.size()) + 6 * n_frames;
+  result.variance = result.n_residuals > result.n_free ? sum / (result.n_residuals - result.n_free) : 0.0;
+  result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
+  if (free.empty()) return result;
+  // Scaled to a unit diagonal, so that radians, metres and pixels compare.
+  const MatX S_free = S(free, free);
+  const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
+  const double least = 1e-14 * eigen.values[eigen.values.size() - 1];
+  if (!(eigen.values[0] > least)) {
+    result.null_direction = VecX::Zero(offsets.total);
+    result.null_direction(free) = eigen.vectors.col(0);
+  }
+  const MatX scaled = scale.asDiagonal() * eigen.vectors;
+  result.unit_covariance(free, free) =
+      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
+  return result;
+}
+
+}  // namespace plumbline::detail
