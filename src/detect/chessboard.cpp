@@ -19,7 +19,7 @@ constexpr int kSearchSize = 1400;
 /// Smaller ones are also searched at twice their size: the finder erodes the squares by whole pixels.
 constexpr int kUpscaleBelow = 1500;
 /// Fraction of the distance to the nearest other corner that a window may cover.
-constexpr double kWindowFraction = 0.42;
+constexpr double kWindowFraction = 0.38;
 
 cv::Mat scaled(const cv::Mat& grey, double scale) {
   cv::Mat out;

@@ -9,8 +9,11 @@
 namespace plumbline::detail {
 namespace {
 
-/// What noise does not explain: aliasing, the interpolation inside the window, the sensor's unevenness
-/// (docs/detect.md).
+/// What noise does not explain: aliasing, the interpolation inside the window, the sensor's unevenness (docs/detect.md).
+/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8 px the mean error
+/// on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's neighbours leak in.
+constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
+
 constexpr double kSigmaFloor = 0.01;
 
 /// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after
@@ -113,9 +116,11 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
   const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 40, 1e-3);
   for (const auto& [half, members] : by_window) {
     std::vector<cv::Point2f> points;
-    for (std::size_t i : members)
-      points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
-    cv::cornerSubPix(grey, points, cv::Size(half, half), cv::Size(-1, -1), stop);
+    for (std::size_t i : members) points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
+    const double blur = std::min(kBlurOfWindow * half, kMaxBlur);
+    cv::Mat smooth;
+    cv::GaussianBlur(grey, smooth, cv::Size(), blur);
+    cv::cornerSubPix(smooth, points, cv::Size(half, half), cv::Size(-1, -1), stop);
     for (std::size_t k = 0; k < members.size(); ++k) {
       const CornerStart& start = starts[members[k]];
       const Vec2 q(points[k].x, points[k].y);

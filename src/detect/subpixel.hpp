@@ -21,7 +21,7 @@ struct RefinedCorner {
   double sigma_px = 0;
 };
 
-inline constexpr int kMinHalfWindow = 2, kMaxHalfWindow = 11;
+inline constexpr int kMinHalfWindow = 2, kMaxHalfWindow = 8;
 
 /// The window for a corner whose surroundings are clean up to `reach_px`.
 int half_window(double reach_px);
