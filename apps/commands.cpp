@@ -7,6 +7,7 @@ namespace plumbline::apps {
 namespace {
 
 constexpr std::array kCommands{
+    Command{"target", "describe a board (new) and draw it at true scale (print)", add_target},
     Command{"detect", "find a board's corners in images", add_detect},
     Command{"calibrate", "images or corners of a board -> lenses, poses and rig", add_calibrate},
     Command{"crosscheck", "mrcal as referee on the same corners", add_crosscheck},
@@ -14,6 +15,7 @@ constexpr std::array kCommands{
     Command{"undistort", "images of one camera -> images of a pinhole camera", add_undistort},
     Command{"convert", "camera files from and to other software's formats", add_convert},
     Command{"compare", "projection difference of two calibrations over the image", add_compare},
+    Command{"simulate", "images and corners of a board with known truth", add_simulate},
     Command{"list", "lenses, formats and targets that there are", add_list},
 };
 
