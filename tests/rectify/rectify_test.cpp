@@ -4,7 +4,6 @@
 #include <gmock/gmock.h>
 
 #include <opencv2/calib3d.hpp>
-#include <opencv2/core/eigen.hpp>
 
 #include "plumbline/rectify/remap.hpp"
 #include "rectify/rigs.hpp"
@@ -12,6 +11,22 @@
 
 namespace plumbline::test {
 namespace {
+
+template <class M>
+cv::Mat to_cv(const M& m) {
+  cv::Mat out(static_cast<int>(m.rows()), static_cast<int>(m.cols()), CV_64F);
+  for (int r = 0; r < out.rows; ++r) {
+    for (int c = 0; c < out.cols; ++c) out.at<double>(r, c) = m(r, c);
+  }
+  return out;
+}
+
+template <class M>
+void from_cv(const cv::Mat& m, M& out) {
+  for (int r = 0; r < m.rows; ++r) {
+    for (int c = 0; c < m.cols; ++c) out(r, c) = m.at<double>(r, c);
+  }
+}
 
 struct NamedRig {
   std::string name;
@@ -119,11 +134,11 @@ TEST(RectifyStereo, AgreesWithOpenCV) {
     cv::Mat K[2], D[2], R, T, R1, R2, P1, P2, Q;
     for (int c : {0, 1}) {
       const auto k = params(rig.cameras[c].lens);
-      cv::eigen2cv(camera_matrix_k(rig.cameras[c].lens), K[c]);
+      K[c] = to_cv(camera_matrix_k(rig.cameras[c].lens));
       D[c] = cv::Mat(1, 5, CV_64F, const_cast<double*>(k.data() + 4)).clone();
     }
-    cv::eigen2cv(Mat3(rig.T_cam_rig[1].R()), R);
-    cv::eigen2cv(Vec3(rig.T_cam_rig[1].t()), T);
+    R = to_cv(Mat3(rig.T_cam_rig[1].R()));
+    T = to_cv(Vec3(rig.T_cam_rig[1].t()));
     for (double alpha : {0.0, 1.0}) {
       cv::stereoRectify(K[0], D[0], K[1], D[1], {640, 480}, R, T, R1, R2, P1, P2, Q, cv::CALIB_ZERO_DISPARITY,
                         alpha);
@@ -132,8 +147,7 @@ TEST(RectifyStereo, AgreesWithOpenCV) {
       Mat3 cv_R1, cv_R2;
       Mat34 cv_P1, cv_P2;
       Mat4 cv_Q;
-      cv::cv2eigen(R1, cv_R1), cv::cv2eigen(R2, cv_R2), cv::cv2eigen(P1, cv_P1), cv::cv2eigen(P2, cv_P2),
-          cv::cv2eigen(Q, cv_Q);
+      from_cv(R1, cv_R1), from_cv(R2, cv_R2), from_cv(P1, cv_P1), from_cv(P2, cv_P2), from_cv(Q, cv_Q);
       EXPECT_LT((ours->R_rect_cam[0] - cv_R1).norm(), 1e-9);
       EXPECT_LT((ours->R_rect_cam[1] - cv_R2).norm(), 1e-9);
       // OpenCV takes 9 x 9 samples through an approximate undistortion, to column 640 of an image that ends
@@ -306,7 +320,7 @@ TEST(UndistortedCamera, AgreesWithOpenCV) {
   const Camera camera = perspective("left", -0.1);
   const auto k = params(camera.lens);
   cv::Mat K, D = cv::Mat(1, 5, CV_64F, const_cast<double*>(k.data() + 4)).clone();
-  cv::eigen2cv(camera_matrix_k(camera.lens), K);
+  K = to_cv(camera_matrix_k(camera.lens));
   for (double alpha : {0.0, 0.3, 1.0}) {
     const cv::Mat N = cv::getOptimalNewCameraMatrix(K, D, {640, 480}, alpha, {800, 500});
     const auto ours = undistorted_camera(camera, alpha, {800, 500});
