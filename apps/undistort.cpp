@@ -6,7 +6,6 @@
 #include "args.hpp"
 #include "plumbline/io/files.hpp"
 #include "plumbline/io/formats.hpp"
-#include "plumbline/io/rectification_io.hpp"
 #include "plumbline/rectify/rectify.hpp"
 #include "remap_images.hpp"
 
@@ -58,7 +57,9 @@ Result<int> run(const Options& o, const Common& common) {
               of_camera.camera, new_size.width, new_size.height, pinhole->fx, pinhole->fy, pinhole->cx,
               pinhole->cy, 100 * maps.valid_fraction);
         }
-        return write_file(folder / "undistorted.yaml", format_undistorted(undistorted), true);
+        auto cameras = find_format("plumbline")->write(undistorted, {});
+        if (!cameras) return cameras.error();
+        return write_file(folder / "undistorted.yaml", cameras->front().bytes, true);
       });
   if (!written) return written.error();
   text += fmt::format("written: {0}/CAMERA/, {0}/undistorted.yaml (the pinhole cameras of the new images)\n",

@@ -9,9 +9,10 @@
 namespace plumbline::detail {
 namespace {
 
-/// What noise does not explain: aliasing, the interpolation inside the window, the sensor's unevenness (docs/detect.md).
-/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8 px the mean error
-/// on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's neighbours leak in.
+/// What noise does not explain: aliasing, the interpolation inside the window, the sensor's unevenness
+/// (docs/detect.md). The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with
+/// a window of +-8 px the mean error on rendered boards falls from 0.03 to 0.02 px. Not more than this, or
+/// the window's neighbours leak in.
 constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
 
 constexpr double kSigmaFloor = 0.01;
@@ -116,7 +117,8 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
   const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 40, 1e-3);
   for (const auto& [half, members] : by_window) {
     std::vector<cv::Point2f> points;
-    for (std::size_t i : members) points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
+    for (std::size_t i : members)
+      points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
     const double blur = std::min(kBlurOfWindow * half, kMaxBlur);
     cv::Mat smooth;
     cv::GaussianBlur(grey, smooth, cv::Size(), blur);

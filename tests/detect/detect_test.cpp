@@ -20,8 +20,8 @@ Detection found(const cv::Mat& image, const Target& target) {
 
 void report(const char* what, const Accuracy& a) {
   if (std::getenv("PLUMBLINE_VERBOSE") != nullptr)
-    fmt::print("{}: {} found, mean {:.4f}, rms/axis {:.4f}, sigma {:.4f}, worst {:.3f}, bias {:.4f} {:.4f}\n", what, a.found,
-               a.mean_error, a.rms_axis, a.mean_sigma, a.worst, a.bias.x(), a.bias.y());
+    fmt::print("{}: {} found, mean {:.4f}, rms/axis {:.4f}, sigma {:.4f}, worst {:.3f}, bias {:.4f} {:.4f}\n",
+               what, a.found, a.mean_error, a.rms_axis, a.mean_sigma, a.worst, a.bias.x(), a.bias.y());
 }
 
 struct Pose {
@@ -33,7 +33,8 @@ TEST(DetectChessboard, AllCornersInPlace) {
   const Target target = *make_target(Chessboard{9, 6, 0.025});
   for (const Pose& pose : kPoses) {
     const PlaneCamera camera = look_at(target, pose.pitch, pose.yaw, pose.roll);
-    const Accuracy a = accuracy(found(render(camera, chessboard_shade({9, 6, 0.025})), target), target, camera);
+    const Accuracy a =
+        accuracy(found(render(camera, chessboard_shade({9, 6, 0.025})), target), target, camera);
     report("chessboard", a);
     EXPECT_EQ(a.found, 54);
     EXPECT_LT(a.mean_error, 0.03);
@@ -75,7 +76,8 @@ TEST(DetectCharuco, Negative) {
   const Charuco board{4, 5, 0.054, 0.0405, "4X4_50"};
   const Target target = *make_target(board);
   const PlaneCamera camera = look_at(target, 20, 10, -15, 2.0);
-  const Accuracy a = accuracy(found(render(camera, charuco_shade(board, false, true)), target), target, camera);
+  const Accuracy a =
+      accuracy(found(render(camera, charuco_shade(board, false, true)), target), target, camera);
   report("charuco negative", a);
   EXPECT_EQ(a.found, 12);
   EXPECT_LT(a.mean_error, 0.05);
@@ -115,7 +117,8 @@ TEST(DetectCircles, SymmetricAndAsymmetric) {
     for (const Pose& pose : kPoses) {
       const PlaneCamera camera = look_at(target, pose.pitch, pose.yaw, pose.roll);
       const Accuracy a =
-          accuracy(found(render(camera, circles_shade(board, board.asymmetric ? 0.016 : 0.01)), target), target, camera);
+          accuracy(found(render(camera, circles_shade(board, board.asymmetric ? 0.016 : 0.01)), target),
+                   target, camera);
       report("circles", a);
       EXPECT_EQ(a.found, static_cast<int>(target.points.size()));
       EXPECT_LT(a.mean_error, 0.03);

@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include "io/formats/common.hpp"
+#include "io/opencv_matrix.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/geometry/so3.hpp"
 
@@ -11,13 +12,6 @@
 /// `fisheye_model: 1` tells them apart, as in the sample.
 namespace plumbline::io {
 namespace {
-
-const char* const kHeader = "%YAML:1.0\n---\n";
-
-std::string matrix_text(std::string_view key, const std::vector<double>& row_major_values, std::size_t rows) {
-  return fmt::format("{}: !!opencv-matrix\n   rows: {}\n   cols: {}\n   dt: d\n   data: {}\n", key, rows,
-                     row_major_values.size() / rows, yaml_numbers(row_major_values));
-}
 
 /// Always in quotes: FileStorage's plain strings end at more characters than YAML's.
 std::string string_text(std::string_view key, std::string_view text) {
@@ -39,35 +33,36 @@ Result<NamedBytes> write_camera(const Rig& rig, std::size_t i, const std::string
   const Camera& camera = rig.cameras[i];
   const auto d = coefficients(camera.lens);
   if (!d) return unsupported_lens(kOpencvFormat, camera);
-  std::string out = kHeader + string_text("camera_name", camera.name);
+  std::string out = kOpencvHeader + string_text("camera_name", camera.name);
   out += fmt::format("image_width: {}\nimage_height: {}\nfisheye_model: {}\n", camera.size.width,
                      camera.size.height, is_fisheye(camera.lens) ? 1 : 0);
-  out += matrix_text("camera_matrix", row_major(camera_matrix_k(camera.lens)), 3);
-  out += matrix_text("distortion_coefficients", *d, d->size());
+  out += opencv_matrix_text("camera_matrix", row_major(camera_matrix_k(camera.lens)), 3);
+  out += opencv_matrix_text("distortion_coefficients", *d, d->size());
   if (rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(rms_px));
-  if (rig.cameras.size() > 1) out += matrix_text("T_cam_rig", row_major(rig.T_cam_rig[i].matrix()), 4);
+  if (rig.cameras.size() > 1) out += opencv_matrix_text("T_cam_rig", row_major(rig.T_cam_rig[i].matrix()), 4);
   return NamedBytes{stem + ".yml", out};
 }
 
 std::string extrinsics_text(const Rig& rig, const WriteOptions& options) {
   const SE3 T = relative_pose(rig, 0, 1);
-  std::string out = kHeader + matrix_text("R", row_major(T.R()), 3) + matrix_text("T", row_major(T.t()), 3);
+  std::string out = kOpencvHeader + opencv_matrix_text("R", row_major(T.R()), 3) +
+                    opencv_matrix_text("T", row_major(T.t()), 3);
   if (const StereoRectification* r = options.rectification) {
-    out +=
-        matrix_text("R1", row_major(r->R_rect_cam[0]), 3) + matrix_text("R2", row_major(r->R_rect_cam[1]), 3);
-    out += matrix_text("P1", row_major(r->P[0]), 3) + matrix_text("P2", row_major(r->P[1]), 3);
-    out += matrix_text("Q", row_major(r->Q), 4);
+    out += opencv_matrix_text("R1", row_major(r->R_rect_cam[0]), 3) +
+           opencv_matrix_text("R2", row_major(r->R_rect_cam[1]), 3);
+    out += opencv_matrix_text("P1", row_major(r->P[0]), 3) + opencv_matrix_text("P2", row_major(r->P[1]), 3);
+    out += opencv_matrix_text("Q", row_major(r->Q), 4);
   }
   if (is_fisheye(rig.cameras[0].lens)) return out;  // cv::fisheye::stereoCalibrate gives neither E nor F
   const Mat3 E = skew(T.t()) * T.R();
   const Mat3 K1 = camera_matrix_k(rig.cameras[0].lens), K2 = camera_matrix_k(rig.cameras[1].lens);
   Mat3 F = K2.inverse().transpose() * E * K1.inverse();
   if (F(2, 2) != 0) F /= F(2, 2);  // as cv::stereoCalibrate
-  return out + matrix_text("E", row_major(E), 3) + matrix_text("F", row_major(F), 3);
+  return out + opencv_matrix_text("E", row_major(E), 3) + opencv_matrix_text("F", row_major(F), 3);
 }
 
 Result<std::vector<NamedBytes>> write_pair(const Rig& rig, const WriteOptions& options) {
-  std::string out = kHeader;
+  std::string out = kOpencvHeader;
   if (is_fisheye(rig.cameras[0].lens) != is_fisheye(rig.cameras[1].lens)) {
     return Error{
         ErrorCode::kUnsupported,
@@ -87,8 +82,8 @@ Result<std::vector<NamedBytes>> write_pair(const Rig& rig, const WriteOptions& o
       out += fmt::format("image_width{}: {}\nimage_height{}: {}\n", suffix, camera.size.width, suffix,
                          camera.size.height);
     }
-    out += matrix_text(fmt::format("M{}", n), row_major(camera_matrix_k(camera.lens)), 3);
-    out += matrix_text(fmt::format("D{}", n), *d, d->size());
+    out += opencv_matrix_text(fmt::format("M{}", n), row_major(camera_matrix_k(camera.lens)), 3);
+    out += opencv_matrix_text(fmt::format("D{}", n), *d, d->size());
   }
   if (options.rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(options.rms_px));
   return std::vector<NamedBytes>{{"intrinsics.yml", out}, {"extrinsics.yml", extrinsics_text(rig, options)}};
