@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "detect/render.hpp"
 
-#include <Eigen/Geometry>
 #include <cmath>
 #include <memory>
 #include <numbers>
