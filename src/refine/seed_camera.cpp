@@ -160,10 +160,18 @@ Calibration on_all_views(const Dataset& mono, const Lens& lens, const std::vecto
   return cal;
 }
 
-bool has_lost_corners(const Calibration& cal) {
-  for (const auto& fits : cal.fits) {
-    for (const CornerFit& fit : fits) {
-      if (fit.outlier) return true;
+// Whether the seed may sit in a wrong valley: it does not fit well, has corners outside its domain, or sees
+// more than 40 degrees off its axis, where a wrong valley can fit to half a pixel.
+bool is_doubtful(const Calibration& cal) {
+  constexpr double kGoodPx = 1.0, kWideDeg = 40;
+  if (score_px(cal) > kGoodPx) return true;
+  const double wide = std::tan(kWideDeg * std::numbers::pi / 180);
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.target.points[view.corners[i].point];
+      if (cal.fits[v][i].outlier || p_cam.head<2>().norm() > wide * p_cam.z()) return true;
     }
   }
   return false;
@@ -173,7 +181,6 @@ bool has_lost_corners(const Calibration& cal) {
 
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
                                 const RefineOptions& options, const std::vector<bool>& held) {
-  constexpr double kGoodPx = 1.0;  // a seed beyond this may be in a wrong valley
   const ImageSize size = mono.cameras[0].size;
   const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
   std::optional<Calibration> best;
@@ -184,8 +191,7 @@ Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_nam
   };
   consider(best_on_subset(subset, lens_name, options, held));
   const auto plain = make_lens(lens_name, size, size.width);
-  if (plain && is_central_perspective(*plain) &&
-      (!best || score_px(*best) > kGoodPx || has_lost_corners(*best))) {
+  if (plain && is_central_perspective(*plain) && (!best || is_doubtful(*best))) {
     consider(by_way_of_fisheye(subset, lens_name, options, held));
   }
   if (!best) {
