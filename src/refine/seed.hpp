@@ -24,6 +24,20 @@ Calibration empty_calibration(const Dataset& data, const std::vector<Lens>& lens
 /// when there is none.
 std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view);
 
+/// Gives each view of a one-camera calibration the pose that fits better: the one it has or a fresh one for
+/// its lens. Views without any stay out.
+void pose_views(Calibration& calibration);
+
+/// Root of the mean over the views with corners of their squared RMS error, each corner's error capped at 5 %
+/// of the image's diagonal and lost corners and views counted with the cap. One camera.
+double score_px(const Calibration& calibration);
+
+/// Lenses to try: closed forms (Zhang 2000, or DLT and RQ for points in space), and a geometric grid of focal
+/// lengths from 0.15 to 8 times the image's longer side. \param subset  a few views of one camera   \param
+/// centre_held  leave the centre in the middle
+std::vector<Lens> starting_lenses(const Dataset& subset, const std::string& lens_name, Start start,
+                                  bool centre_held);
+
 /// Scale for a robust loss from the residuals of all corners that take part: three robust standard
 /// deviations.
 double robust_scale_px(const Calibration& calibration);

@@ -195,7 +195,10 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
     problem.AddResidualBlock(
         make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr, k,
         T_cam_rig, T_rig_board);
-    if (!problem.HasManifold(T_rig_board)) problem.SetManifold(T_rig_board, make_pose_manifold().release());
+    if (spec.hold_boards)
+      problem.SetParameterBlockConstant(T_rig_board);
+    else if (!problem.HasManifold(T_rig_board))
+      problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;

@@ -17,8 +17,9 @@ struct SolveSpec {
   double loss_scale = 1.0;
   bool use_sigma = false;
   int max_iterations = 200;
-  bool tight = true;       ///< false: stop at 1e-7 relative change, for seeds
-  std::vector<bool> held;  ///< over shared_parameter_names(); empty: none
+  bool tight = true;         ///< false: stop at 1e-7 relative change, for seeds
+  std::vector<bool> held;    ///< over shared_parameter_names(); empty: none
+  bool hold_boards = false;  ///< move no board pose
 };
 
 struct SolveReport {

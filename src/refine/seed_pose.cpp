@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
+#include "plumbline/linear/pose.hpp"
+#include "refine/seed.hpp"
+
+namespace plumbline::detail {
+
+MonoData mono_data(const Dataset& data, int cam) {
+  MonoData mono;
+  mono.data = {data.target, {data.cameras[cam]}, data.frames, {}, data.detector};
+  for (std::size_t v = 0; v < data.views.size(); ++v) {
+    if (data.views[v].cam != cam) continue;
+    mono.data.views.push_back(data.views[v]);
+    mono.data.views.back().cam = 0;
+    mono.view_index.push_back(static_cast<int>(v));
+  }
+  return mono;
+}
+
+Calibration empty_calibration(const Dataset& data, const std::vector<Lens>& lenses) {
+  Calibration cal;
+  cal.data = data;
+  for (std::size_t i = 0; i < data.cameras.size(); ++i) {
+    cal.rig.cameras.push_back({data.cameras[i].name, data.cameras[i].size, lenses[i]});
+    cal.rig.T_cam_rig.emplace_back();
+  }
+  cal.T_rig_board.resize(data.frames.size());
+  cal.fits.resize(data.views.size());
+  cal.view_reason.resize(data.views.size());
+  return cal;
+}
+
+namespace {
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+double diagonal_px(ImageSize size) { return std::hypot(size.width, size.height); }
+
+std::vector<double> errors_px(const Lens& lens, const SE3& T_cam_board, const Target& target,
+                              const View& view, double lost) {
+  std::vector<double> errors;
+  for (const Corner& c : view.corners) {
+    const auto px = project(lens, T_cam_board * target.points[c.point]);
+    errors.push_back(px ? std::min((*px - c.px).norm(), lost) : lost);
+  }
+  return errors;
+}
+
+double rms(const std::vector<double>& errors) {
+  double sum = 0;
+  for (double e : errors) sum += e * e;
+  return errors.empty() ? 0 : std::sqrt(sum / static_cast<double>(errors.size()));
+}
+
+std::optional<SE3> pose_of_corners(const Lens& lens, const Target& target, const View& view,
+                                   const std::vector<bool>& use) {
+  std::vector<Vec3> p_board;
+  std::vector<Vec2> px;
+  for (std::size_t i = 0; i < view.corners.size(); ++i) {
+    if (!use[i]) continue;
+    p_board.push_back(target.points[view.corners[i].point]);
+    px.push_back(view.corners[i].px);
+  }
+  if (p_board.size() < 4) return std::nullopt;
+  const auto pose = pose_from_points(lens, p_board, px);
+  if (!pose) return std::nullopt;
+  return *pose;
+}
+
+}  // namespace
+
+std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view) {
+  constexpr double kLost = 1e6;
+  std::vector<bool> use(view.corners.size(), true);
+  const auto first = pose_of_corners(lens, target, view, use);
+  if (!first) return std::nullopt;
+  const std::vector<double> errors = errors_px(lens, *first, target, view, kLost);
+  // One corner far off bends a least-squares pose: leave out what is beyond six times the median, and keep
+  // the new pose when most corners agree better with it.
+  const double typical = median(errors), bound = 6 * typical + 1e-6;
+  if (*std::max_element(errors.begin(), errors.end()) <= bound) return first;
+  for (std::size_t i = 0; i < use.size(); ++i) use[i] = errors[i] <= bound;
+  const auto second = pose_of_corners(lens, target, view, use);
+  return second && median(errors_px(lens, *second, target, view, kLost)) < typical ? second : first;
+}
+
+double robust_scale_px(const Calibration& cal) {
+  std::vector<double> sizes;
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    for (const CornerFit& fit : cal.fits[v]) {
+      if (fit.outlier) continue;
+      sizes.push_back(std::abs(fit.residual_px.x()));
+      sizes.push_back(std::abs(fit.residual_px.y()));
+    }
+  }
+  return std::max(0.3, 3 * 1.4826 * median(std::move(sizes)));
+}
+
+void bring_back(Calibration& cal) {
+  for (auto& fits : cal.fits) {
+    for (CornerFit& fit : fits) fit.outlier = false;
+  }
+  evaluate(cal);
+}
+
+// Gives each view the pose that fits better: the one it has or a fresh one for the present lens. Views
+// without any leave.
+void pose_views(Calibration& cal) {
+  const Lens& lens = cal.rig.cameras[0].lens;
+  const double lost = 0.05 * diagonal_px(cal.rig.cameras[0].size);
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    const View& view = cal.data.views[v];
+    if (view.corners.size() < 4) continue;
+    std::optional<SE3>& pose = cal.T_rig_board[view.frame];
+    const auto fresh = find_pose(lens, cal.data.target, view);
+    if (fresh && (!pose || rms(errors_px(lens, *fresh, cal.data.target, view, lost)) <
+                               rms(errors_px(lens, *pose, cal.data.target, view, lost)))) {
+      pose = fresh;
+    }
+    cal.fits[v].assign(pose ? view.corners.size() : 0, CornerFit{});
+  }
+  evaluate(cal);
+}
+
+// Views that take part share the mean; a view without a pose counts as lost.
+double score_px(const Calibration& cal) {
+  const double cap = 0.05 * diagonal_px(cal.rig.cameras[0].size);
+  double sum = 0;
+  int n = 0;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    const View& view = cal.data.views[v];
+    if (view.corners.empty()) continue;
+    const auto& pose = cal.T_rig_board[view.frame];
+    const double e = pose ? rms(errors_px(cal.rig.cameras[0].lens, *pose, cal.data.target, view, cap)) : cap;
+    sum += e * e;
+    ++n;
+  }
+  return n > 0 ? std::sqrt(sum / n) : cap;
+}
+
+}  // namespace plumbline::detail
