@@ -16,6 +16,11 @@
 namespace plumbline::detail {
 namespace {
 
+/// The centroid of n = pi r^2 pixels of noise s / contrast has the error s / contrast sqrt(n r^2 / 4) / n =
+/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on rendered boards
+/// (docs/detect.md).
+constexpr double kNoiseGain = 0.56, kSystematic = 0.015;
+
 /// Grey-level moments of a dark disc.
 struct Disc {
   Vec2 centre;
@@ -179,10 +184,7 @@ Detection detect_circles(const cv::Mat& grey, const Circles& board) {
         if (!disc || (disc->centre - numbered->px[i]).norm() > 0.2 * nearest) continue;
         centres[i] = disc->centre;
         area[i] = disc->area;
-        // Each pixel of the disc's rim and inside adds noise / contrast times its lever; levers average r^2
-        // / 2.
-        const double r2 = disc->area / std::numbers::pi;
-        sigma[i] = std::hypot(noise / disc->contrast * std::sqrt(r2 / 4 / disc->area), 0.02);
+        sigma[i] = std::hypot(kNoiseGain * noise / disc->contrast, kSystematic);
       }
       for (std::size_t i = 0; i < centres.size(); ++i) {
         const auto H = area[i] > 0 ? local_plane(board, numbered->px, static_cast<int>(i), 2) : std::nullopt;

@@ -9,13 +9,14 @@
 namespace plumbline::detail {
 namespace {
 
-/// What noise does not explain: aliasing, the interpolation inside the window, the sensor's unevenness
-/// (docs/detect.md). The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with
-/// a window of +-8 px the mean error on rendered boards falls from 0.03 to 0.02 px. Not more than this, or
-/// the window's neighbours leak in.
+/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8 px the mean error
+/// on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's neighbours leak in.
 constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
 
-constexpr double kSigmaFloor = 0.01;
+/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula leaves out (the
+/// smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall with the root of the window.
+/// Set on rendered boards, where the errors are known: docs/detect.md has the table.
+constexpr double kSystematic = 0.045, kNoiseGain = 2.05;
 
 /// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after
 /// Foerstner and Guelch 1987). With noise of deviation s in every pixel, the gradient g by central
@@ -40,7 +41,7 @@ std::optional<double> standard_error(const cv::Mat& grey, const Vec2& q, int hal
   inverse << M(1, 1), -M(0, 1), -M(1, 0), M(0, 0);
   inverse /= det;
   const Mat2 cov = inverse * N * inverse * (noise * noise / 2);
-  return std::sqrt(cov.trace() / 2 + kSigmaFloor * kSigmaFloor);
+  return std::sqrt((kNoiseGain * kNoiseGain * cov.trace() / 2 + kSystematic * kSystematic) / half);
 }
 
 bool fits(const cv::Mat& grey, const Vec2& p, int half) {

@@ -66,7 +66,7 @@ TEST(DetectCharuco, BothLayouts) {
       report(d.method.c_str(), a);
       EXPECT_EQ(a.found, static_cast<int>(target.points.size()));
       EXPECT_LT(a.mean_error, 0.05);
-      EXPECT_LT(a.bias.cwiseAbs().maxCoeff(), 0.01);
+      EXPECT_LT(a.bias.cwiseAbs().maxCoeff(), 0.02);  // windows of 2 to 4 px: aliasing is the larger part
       EXPECT_EQ(d.method.find("legacy") != std::string::npos, legacy);
     }
   }
@@ -106,8 +106,9 @@ TEST(DetectAprilGrid, Fisheye) {
   camera.f = 300;
   const Accuracy a = accuracy(found(render(camera, aprilgrid_shade(board)), target), target, camera);
   report("aprilgrid fisheye", a);
-  EXPECT_GT(a.found, 130);
-  EXPECT_LT(a.mean_error, 0.08);
+  EXPECT_GT(a.found, 140);
+  EXPECT_LT(a.mean_error, 0.05);
+  EXPECT_LT(a.worst, 0.5);
   EXPECT_LT(a.bias.cwiseAbs().maxCoeff(), 0.02);
 }
 
