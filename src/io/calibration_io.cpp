@@ -225,6 +225,14 @@ MatX read_covariance(const Field& block, const Rig& rig) {
   return Eigen::Map<const MatX>(values.data(), n, n).transpose();
 }
 
+/// Its cameras are those of the rig, which are there without data too.
+Contents whole_contents(const Calibration& calibration) {
+  Contents contents;
+  if (!calibration.data.target.points.empty()) contents = contents_of(calibration.data);
+  contents.cameras = static_cast<int>(calibration.rig.cameras.size());
+  return contents;
+}
+
 /// A rig that was read from elsewhere: a summary of zeros would be a false one.
 bool is_rig_only(const Calibration& calibration) {
   const SolveStats& stats = calibration.stats;
@@ -233,13 +241,13 @@ bool is_rig_only(const Calibration& calibration) {
          stats.termination.empty() && provenance.version.empty() && provenance.options.empty();
 }
 
-Result<Calibration> read_calibration(const Field& root) {
+Result<Calibration> read_calibration(const Field& root, std::string_view whole_text) {
   if (!root.is_map() || !root.has("plumbline_calibration")) {
     root.fail("not a calibration: it has no 'plumbline_calibration'");
   }
   check_version(root, "plumbline_calibration", kCalibrationVersion);
-  root.only({"plumbline_calibration", "cameras", "T_cam_rig", "summary", "provenance", "target", "detector",
-             "data_cameras", "frames", "views", "covariance"});
+  root.only({"plumbline_calibration", "contents", "cameras", "T_cam_rig", "summary", "provenance", "target",
+             "detector", "data_cameras", "frames", "views", "covariance"});
   Calibration calibration;
   calibration.rig = read_rig_fields(root);
   if (const auto summary = root.find("summary")) calibration.stats = read_summary(*summary);
@@ -247,8 +255,9 @@ Result<Calibration> read_calibration(const Field& root) {
   if (const auto covariance = root.find("covariance")) {
     calibration.covariance = read_covariance(*covariance, calibration.rig);
   }
+  if (root.has("target")) read_data(root, calibration);
+  check_contents(root, whole_contents(calibration), whole_text);
   if (!root.has("target")) return calibration;  // a rig and nothing else
-  read_data(root, calibration);
   if (Status valid = validate(calibration.data); !valid) return valid.error();
   return calibration;
 }
@@ -317,7 +326,8 @@ std::string format_calibration(const Calibration& calibration) {
       "# Plumbline calibration. p_cam = T_cam_rig * T_rig_board * p_board; metres, radians, pixels; the "
       "centre of the\n"
       "# top-left pixel is (0, 0); x right, y down, z forward; quaternions are w, x, y, z.\n";
-  io::append(out, "plumbline_calibration: {}\n", io::kCalibrationVersion);
+  io::append(out, "plumbline_calibration: {}\ncontents: {}\n", io::kCalibrationVersion,
+             io::contents_text(io::whole_contents(calibration)));
   io::write_rig_fields(out, calibration.rig);
   if (!io::is_rig_only(calibration)) {
     io::write_summary(out, calibration.stats);
@@ -329,7 +339,8 @@ std::string format_calibration(const Calibration& calibration) {
 }
 
 Result<Calibration> parse_calibration(std::string_view yaml) {
-  return io::read_yaml<Calibration>(yaml, "", io::read_calibration);
+  return io::read_yaml<Calibration>(yaml, "",
+                                    [&](const io::Field& root) { return io::read_calibration(root, yaml); });
 }
 
 }  // namespace plumbline

@@ -55,6 +55,30 @@ void check_version(const Field& root, std::string_view key, int newest) {
   }
 }
 
+Contents contents_of(const Dataset& data) {
+  std::size_t corners = 0;
+  for (const View& view : data.views) corners += view.corners.size();
+  return {static_cast<int>(data.cameras.size()), static_cast<int>(data.frames.size()),
+          static_cast<int>(data.views.size()), static_cast<int>(corners)};
+}
+
+std::string contents_text(const Contents& contents) {
+  return fmt::format("{{cameras: {}, frames: {}, views: {}, corners: {}}}", contents.cameras, contents.frames,
+                     contents.views, contents.corners);
+}
+
+void check_contents(const Field& root, const Contents& found, std::string_view whole_text) {
+  const auto field = root.find("contents");
+  if (!field) return;
+  field->only({"cameras", "frames", "views", "corners"});
+  const Contents said{field->at("cameras").integer(), field->at("frames").integer(),
+                      field->at("views").integer(), field->at("corners").integer()};
+  const std::string is = contents_text(found);
+  if (contents_text(said) != is || !whole_text.ends_with('\n')) {
+    field->fail("the file is cut off or was changed: it should hold this, and it holds " + is);
+  }
+}
+
 CameraInfo read_camera_info(const Field& field) {
   field.only({"name", "width", "height"});
   return {field.at("name").text(),
@@ -102,11 +126,11 @@ View read_view(const Field& field, const std::vector<std::string>& cameras,
   return view;
 }
 
-Result<Dataset> read_corners(const Field& root) {
+Result<Dataset> read_corners(const Field& root, std::string_view whole_text) {
   if (!root.is_map() || !root.has("plumbline_corners"))
     root.fail("not a corners file: it has no 'plumbline_corners'");
   check_version(root, "plumbline_corners", kCornersVersion);
-  root.only({"plumbline_corners", "target", "detector", "cameras", "frames", "views"});
+  root.only({"plumbline_corners", "contents", "target", "detector", "cameras", "frames", "views"});
   Dataset data;
   data.target = read_target(root.at("target"));
   if (const auto detector = root.find("detector")) data.detector = detector->text();
@@ -120,6 +144,7 @@ Result<Dataset> read_corners(const Field& root) {
   unique_names(root.at("frames"), data.frames);
   for (const Field& view : root.at("views").items())
     data.views.push_back(read_view(view, cameras, data.frames));
+  check_contents(root, contents_of(data), whole_text);
   if (Status valid = validate(data); !valid) return valid.error();
   return data;
 }
@@ -130,7 +155,8 @@ Result<Dataset> read_corners(const Field& root) {
 std::string format_corners(const Dataset& data) {
   std::string out =
       "# Plumbline corners: pixels, the centre of the top-left pixel is (0, 0). Rows: point x y sigma.\n";
-  out += fmt::format("plumbline_corners: {}\ntarget:\n", io::kCornersVersion);
+  out += fmt::format("plumbline_corners: {}\ncontents: {}\ntarget:\n", io::kCornersVersion,
+                     io::contents_text(io::contents_of(data)));
   io::write_target(out, "  ", data.target);
   if (!data.detector.empty()) out += fmt::format("detector: {}\n", io::yaml_text(data.detector));
   out += data.cameras.empty() ? "cameras: []\n" : "cameras:\n";
@@ -155,7 +181,8 @@ std::string format_corners(const Dataset& data) {
 }
 
 Result<Dataset> parse_corners(std::string_view yaml) {
-  return io::read_yaml<Dataset>(yaml, "", io::read_corners);
+  return io::read_yaml<Dataset>(yaml, "",
+                                [&](const io::Field& root) { return io::read_corners(root, yaml); });
 }
 
 }  // namespace plumbline

@@ -40,6 +40,16 @@ void write_corner(std::string& out, const Corner& corner);
 /// "version: 1" under `key`; kUnsupported for a newer one.
 void check_version(const Field& root, std::string_view key, int newest);
 
+/// What a file says it holds. A file that was cut off at the end of a line would else pass for a smaller one,
+/// and one cut within its last number for another. The key may be absent (files by hand); where it is there
+/// it must be true, and the text must end with its last line.
+struct Contents {
+  int cameras = 0, frames = 0, views = 0, corners = 0;
+};
+Contents contents_of(const Dataset& data);
+std::string contents_text(const Contents& contents);
+void check_contents(const Field& root, const Contents& found, std::string_view whole_text);
+
 CameraInfo read_camera_info(const Field& field);
 std::string camera_info_text(const CameraInfo& camera);
 

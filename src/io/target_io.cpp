@@ -150,36 +150,43 @@ TargetSpec read_kalibr(const Field& field) {
                         word.substr(0, 40)));
 }
 
+/// The last line closes a bracket of a required key, or is a required key itself: so a file that was cut off
+/// anywhere is not taken for another board.
 void write_spec(std::string& out, const std::string& indent, const TargetSpec& spec) {
   const auto line = [&](std::string_view key, const std::string& value) {
     out += fmt::format("{}{}: {}\n", indent, key, value);
   };
   const auto counts = [](int columns, int rows) { return fmt::format("[{}, {}]", columns, rows); };
-  line("type", std::string(target_type(spec)));
+  const std::string type(target_type(spec));
   if (const auto* b = std::get_if<Chessboard>(&spec)) {
-    line("corners", counts(b->columns, b->rows));
+    line("type", type);
     line("square_m", format_double(b->square_m));
+    line("corners", counts(b->columns, b->rows));
   } else if (const auto* c = std::get_if<Charuco>(&spec)) {
-    line("squares", counts(c->columns, c->rows));
+    line("type", type);
     line("square_m", format_double(c->square_m));
     line("marker_m", format_double(c->marker_m));
     line("dictionary", yaml_text(c->dictionary));
     line("first_id", std::to_string(c->first_id));
     line("layout", std::string(kLayouts[static_cast<std::size_t>(c->layout)]));
+    line("squares", counts(c->columns, c->rows));
   } else if (const auto* a = std::get_if<AprilGrid>(&spec)) {
-    line("tags", counts(a->columns, a->rows));
+    line("type", type);
     line("tag_m", format_double(a->tag_m));
     line("spacing", format_double(a->spacing));
     line("family", yaml_text(a->family));
     line("first_id", std::to_string(a->first_id));
+    line("tags", counts(a->columns, a->rows));
   } else if (const auto* d = std::get_if<Circles>(&spec)) {
-    line("circles", counts(d->columns, d->rows));
+    line("type", type);
     line("spacing_m", format_double(d->spacing_m));
     if (d->diameter_m != 0) line("diameter_m", format_double(d->diameter_m));
     line("asymmetric", d->asymmetric ? "true" : "false");
+    line("circles", counts(d->columns, d->rows));
   } else if (const auto* p = std::get_if<Points3d>(&spec)) {
     out += indent + "points_m:\n";
     for (const Vec3& point : p->points_m) out += fmt::format("{}  - {}\n", indent, yaml_numbers(point));
+    line("type", type);
   } else if (const auto* r = std::get_if<BoardRig>(&spec)) {
     out += indent + "parts:\n";
     for (const BoardPart& part : r->parts) {
@@ -187,6 +194,7 @@ void write_spec(std::string& out, const std::string& indent, const TargetSpec& s
       write_spec(out, indent + "      ", part.board);
       out += indent + "    pose: " + pose_text(part.T_target_board) + "\n";
     }
+    line("type", type);
   }
 }
 

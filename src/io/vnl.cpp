@@ -124,6 +124,9 @@ Result<std::vector<VnlImage>> parse_vnl(std::string_view text) {
     images[place->second].corners.push_back(**corner);
   });
   if (failed) return *failed;
+  if (!text.empty() && !text.ends_with('\n')) {
+    return Error{ErrorCode::kParse, "the last line does not end; the file seems to be cut off", "the end"};
+  }
   if (!columns)
     return Error{ErrorCode::kParse, "not a corners.vnl: it has no legend '# filename x y level'", ""};
   return images;

@@ -67,7 +67,7 @@ TEST(CalibrationYaml, ARigAloneIsAFileToo) {
   Calibration rig_only;
   rig_only.rig = test::example_calibration().rig;
   const std::string yaml = format_calibration(rig_only);
-  EXPECT_EQ(yaml.find("views"), std::string::npos);
+  EXPECT_EQ(yaml.find("views:\n"), std::string::npos);
   const auto back = parse_calibration(yaml);
   ASSERT_TRUE(back) << back.error().text();
   EXPECT_EQ(back->rig.T_cam_rig, rig_only.rig.T_cam_rig);
@@ -81,6 +81,13 @@ TEST(CalibrationYaml, DataMayHaveOtherCamerasThanTheRig) {
   EXPECT_EQ(parse_calibration(format_calibration(a))->data.cameras[1].size, (ImageSize{800, 600}));
 }
 
+TEST(CalibrationYaml, AFileByHandNeedsNoContents) {
+  std::string yaml = format_calibration(test::example_calibration());
+  const auto at = yaml.find("contents:");
+  yaml.erase(at, yaml.find('\n', at) - at);
+  EXPECT_TRUE(parse_calibration(yaml));
+}
+
 TEST(CalibrationYaml, NamesWhatIsWrong) {
   const std::string good = format_calibration(test::example_calibration());
   const auto with = [&](const std::string& from, const std::string& to) {
@@ -91,6 +98,7 @@ TEST(CalibrationYaml, NamesWhatIsWrong) {
     return calibration ? std::string("no error") : calibration.error().text();
   };
   EXPECT_THAT(with("plumbline_calibration: 1", "plumbline_calibration: 99"), HasSubstr("newer Plumbline"));
+  EXPECT_THAT(with("views: 5", "views: 6"), HasSubstr("cut off or was changed"));
   EXPECT_THAT(with("lens: kb4", "lens: kb5"), HasSubstr("cameras[1].lens"));
   EXPECT_THAT(with("lens: kb4", "lens: kb5"), HasSubstr("[kUnsupported]"));
   EXPECT_THAT(with("      fx: ", "      fx: -"), HasSubstr("cameras[0].parameters"));

@@ -78,7 +78,7 @@ TEST(CornersYaml, NamesWhatIsWrong) {
   EXPECT_THAT(with("plumbline_corners: 1", "plumbline_corners: 2"), HasSubstr("[kUnsupported]"));
   EXPECT_THAT(with("plumbline_corners: 1", "corners: 1"), HasSubstr("not a corners file"));
   EXPECT_THAT(with("camera: left", "camera: lft"),
-              HasSubstr("views[0].camera, line 14: there is no camera 'lft'"));
+              HasSubstr("views[0].camera, line 15: there is no camera 'lft'"));
   EXPECT_THAT(with("      0 ", "      x "), HasSubstr("row 1: the number of a point is needed, not 'x'"));
   EXPECT_THAT(with("      1 ", "      7 "), HasSubstr("point 7 of a target with 6 points [kInvalidData]"));
   EXPECT_THAT(with("      1 ", "      0 "), HasSubstr("out of order or there twice"));

@@ -323,7 +323,7 @@ TEST(ColmapFormat, TheTopLeftPixelsCentreIsHalfAPixelFromTheOrigin) {
   rig.cameras.push_back(camera_of("d", "kb4", {500, 501, 320, 240, 1, 2, 3, 4}));
   rig.T_cam_rig.resize(4);
   EXPECT_EQ(written("colmap", rig)[0].bytes,
-            "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+            "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 4\n"
             "1 OPENCV 640 480 533 534 342.5 234.5 -0.28000000000000003 0.025000000000000001 0.5 0.25\n"
             "2 OPENCV 640 480 536 537 327.5 249.5 -0.28000000000000003 0.025000000000000001 0.5 0.25\n"
             "3 FULL_OPENCV 640 480 500 501 320.5 240.5 1 2 3 4 5 0 0 0\n"
@@ -345,7 +345,7 @@ TEST(ColmapFormat, ReadsTheSimplerModels) {
   EXPECT_EQ(params(rig->cameras[0].lens)[4], -0.0204997);
   EXPECT_EQ(rig->cameras[1].name, "camera7");
   const auto error_of = [](const std::string& line) {
-    return read_rig(std::vector<NamedBytes>{{"c", "1 PINHOLE 9 9 1 1 1 1\n" + line}}).error().text();
+    return read_rig(std::vector<NamedBytes>{{"c", "1 PINHOLE 9 9 1 1 1 1\n" + line + "\n"}}).error().text();
   };
   EXPECT_THAT(error_of("2 FOV 9 9 1 1 1 1 1"), HasSubstr("c: line 2: camera model 'FOV'"));
   EXPECT_THAT(error_of("2 PINHOLE 9 9 1 1 1"), HasSubstr("PINHOLE has 4 parameters, there are 3"));

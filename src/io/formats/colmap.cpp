@@ -13,6 +13,7 @@
 namespace plumbline::io {
 namespace {
 
+constexpr int kMaxCameras = 10000;
 constexpr double kPixelShift = 0.5;  ///< c_colmap = c_ours + 0.5
 
 struct Model {
@@ -33,6 +34,7 @@ std::optional<Model> model_of(const Lens& lens) {
 
 Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
   std::string out = "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
+  out += fmt::format("# Number of cameras: {}\n", rig.cameras.size());
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
     const Camera& camera = rig.cameras[i];
     const auto model = model_of(camera.lens);
@@ -109,25 +111,36 @@ Result<Camera> read_camera(const Words& words) {
   return Camera{fmt::format("camera{}", words[0].substr(0, 20)), {*width, *height}, *lens};
 }
 
+/// Adds the cameras of one file. COLMAP writes how many there are in a remark, which tells a file that was
+/// cut off.
+Status read_file(const NamedBytes& file, Rig& rig) {
+  std::optional<Error> failed;
+  std::optional<int> n_said;
+  int n_read = 0;
+  for_each_row(file.bytes, [&](int line, const Words& words) {
+    if (words.size() == 5 && words[0] == "#" && words[1] == "Number" && words[3] == "cameras:")
+      n_said = parse_int(words[4]);
+    if (failed || words[0].front() == '#') return;
+    auto camera = read_camera(words);
+    if (camera && ++n_read <= kMaxCameras) {
+      rig.cameras.push_back(*std::move(camera));
+      return;
+    }
+    failed = camera ? Error{ErrorCode::kUnsupported, fmt::format("more than {} cameras", kMaxCameras), ""}
+                    : camera.error();
+    failed->where = fmt::format("{}: line {}", file.name, line);
+  });
+  if (failed) return *failed;
+  if (n_said.value_or(n_read) == n_read && file.bytes.ends_with('\n')) return {};
+  return Error{ErrorCode::kParse,
+               "it has not as many cameras as it says, or its last line does not end; is it cut off?",
+               file.name};
+}
+
 Result<Rig> read(std::span<const NamedBytes> files) {
   Rig rig;
   for (const NamedBytes& file : files) {
-    std::optional<Error> failed;
-    for_each_row(file.bytes, [&](int line, const Words& words) {
-      if (failed || words[0].front() == '#') return;
-      if (rig.cameras.size() >= 10000) {
-        failed = Error{ErrorCode::kUnsupported, "more than 10,000 cameras", file.name};
-        return;
-      }
-      auto camera = read_camera(words);
-      if (camera) {
-        rig.cameras.push_back(*std::move(camera));
-        return;
-      }
-      failed = camera.error();
-      failed->where = fmt::format("{}: line {}", file.name, line);
-    });
-    if (failed) return *failed;
+    if (Status added = read_file(file, rig); !added) return added.error();
   }
   if (rig.cameras.empty()) return Error{ErrorCode::kParse, "there is no camera in it", files[0].name};
   rig.T_cam_rig.assign(rig.cameras.size(), SE3());

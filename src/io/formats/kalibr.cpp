@@ -93,6 +93,18 @@ SE3 read_step(const Field& previous, const Field& cam) {
   return pose_of(*T_cam_imu) * pose_of(*T_previous_imu).inverse();
 }
 
+/// A file that was cut off after a camera still speaks of the others.
+void check_overlaps(const Field& root, std::size_t n_cameras) {
+  for (std::size_t i = 0; i < n_cameras; ++i) {
+    const auto overlaps = root.at(fmt::format("cam{}", i)).find("cam_overlaps");
+    for (double other : overlaps ? overlaps->numbers() : std::vector<double>{}) {
+      if (other >= 0 && other < static_cast<double>(n_cameras)) continue;
+      overlaps->fail(
+          fmt::format("cam{} is not in the file, which has {} cameras; is it cut off?", other, n_cameras));
+    }
+  }
+}
+
 Result<Rig> read_chain(const Field& root) {
   if (!root.is_map() || !root.has("cam0")) root.fail("not a camchain: it has no 'cam0'");
   Rig rig;
@@ -107,6 +119,7 @@ Result<Rig> read_chain(const Field& root) {
     rig.T_cam_rig.push_back(previous ? read_step(*previous, *cam) * rig.T_cam_rig.back() : SE3());
     previous = cam;
   }
+  check_overlaps(root, rig.cameras.size());
   return rig;
 }
 

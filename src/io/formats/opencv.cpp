@@ -126,10 +126,9 @@ std::vector<double> vector_values(const Field& matrix, int n = -1) {
   return values;
 }
 
-Lens read_lens(const Field& K, const std::optional<Field>& D, bool fisheye) {
+Lens read_lens(const Field& K, const Field& D, bool fisheye) {
   const std::vector<double> k4 = focal_and_centre(K, matrix_values(K, 3, 3));
-  if (fisheye) return lens_of(D ? *D : K, "kb4", k4, D ? vector_values(*D, 4) : std::vector<double>(4, 0.0));
-  return D ? brown_lens(*D, k4, vector_values(*D)) : brown_lens(K, k4, {});
+  return fisheye ? lens_of(D, "kb4", k4, vector_values(D, 4)) : brown_lens(D, k4, vector_values(D));
 }
 
 bool read_fisheye(const Field& root) {
@@ -168,14 +167,15 @@ Result<Pieces> read_pieces(const Field& root, const std::string& file) {
                                 : suffix == "1" ? "left"
                                                 : "right",
                                 read_size(root, own_size ? "_2" : ""),
-                                read_lens(root.at("M" + suffix), root.find("D" + suffix), fisheye)});
+                                read_lens(root.at("M" + suffix), root.at("D" + suffix), fisheye)});
     }
   } else if (const auto K = find_any(root, {"camera_matrix", "Camera_Matrix", "cameraMatrix"})) {
     const auto D =
         find_any(root, {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs"});
+    if (!D) root.fail("'distortion_coefficients' is missing; a camera without distortion has zeros");
     const auto name = root.find("camera_name");
     pieces.cameras.push_back(
-        {name ? name->text() : stem_of(file), read_size(root, ""), read_lens(*K, D, fisheye)});
+        {name ? name->text() : stem_of(file), read_size(root, ""), read_lens(*K, *D, fisheye)});
     if (const auto T = root.find("T_cam_rig")) pieces.T_cam_rig = pose_of(T->at("data"));
   }
   if (root.has("R") && root.has("T")) {
@@ -196,7 +196,7 @@ Result<Pieces> read_pieces(const Field& root, const std::string& file) {
 Result<Rig> read(std::span<const NamedBytes> files) {
   Rig rig;
   std::optional<SE3> T_2_1;
-  bool any_pose = false;
+  std::size_t n_poses = 0;
   for (const NamedBytes& file : files) {
     auto pieces = read_yaml<Pieces>(file.bytes, file.name,
                                     [&](const Field& root) { return read_pieces(root, file.name); });
@@ -205,7 +205,7 @@ Result<Rig> read(std::span<const NamedBytes> files) {
       rig.cameras.push_back(std::move(camera));
       rig.T_cam_rig.push_back(pieces->T_cam_rig.value_or(SE3()));
     }
-    any_pose = any_pose || pieces->T_cam_rig;
+    n_poses += pieces->T_cam_rig.has_value();
     if (pieces->T_2_1) T_2_1 = pieces->T_2_1;
   }
   const auto fail = [&](const char* message) {
@@ -215,8 +215,8 @@ Result<Rig> read(std::span<const NamedBytes> files) {
     return fail("only poses; the file with the cameras (intrinsics.yml) is needed too");
   if (T_2_1 && rig.cameras.size() != 2) return fail("R and T belong to two cameras; give exactly those");
   if (T_2_1) rig.T_cam_rig[1] = *T_2_1;
-  if (!T_2_1 && !any_pose && rig.cameras.size() > 1) {
-    return fail("no poses of the cameras; give extrinsics.yml (R, T) too, or one camera at a time");
+  if (!T_2_1 && n_poses != rig.cameras.size() && rig.cameras.size() > 1) {
+    return fail("not every camera has a pose; give extrinsics.yml (R, T) too, or one camera at a time");
   }
   make_first_the_rig(rig);
   return rig;

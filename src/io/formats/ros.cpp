@@ -78,12 +78,12 @@ Lens read_lens(const Field& root) {
   const std::vector<double> k4 = focal_and_centre(matrix, K);
   const auto model = root.find("distortion_model");
   const std::string name = model ? model->text() : "plumb_bob";
-  const auto field = root.find("distortion_coefficients");
-  std::vector<double> d = field ? field->at("data").numbers() : std::vector<double>{};
+  const Field field = root.at("distortion_coefficients");
+  std::vector<double> d = field.at("data").numbers();
   if (name == "equidistant" || name == "fisheye") {  // "fisheye" was ROS 1's word for a while
     if (d.size() != 4)
       root.fail(fmt::format("distortion_model {} has 4 coefficients, there are {}", name, d.size()));
-    return lens_of(*field, "kb4", k4, d);
+    return lens_of(field, "kb4", k4, d);
   }
   if (name != "plumb_bob" && name != "rational_polynomial") {
     model->fail(
@@ -93,7 +93,7 @@ Lens read_lens(const Field& root) {
         ErrorCode::kUnsupported);
   }
   if (name == "plumb_bob" && d.size() == 5 && d[4] == 0) d.pop_back();  // a filled-up opencv4
-  return brown_lens(field ? *field : root, k4, d);
+  return brown_lens(field, k4, d);
 }
 
 /// One camera, and where its rectified frame stands.
@@ -110,7 +110,6 @@ Result<CameraInfo> read_info(const Field& root, const std::string& file) {
                    size_of(root.at("image_width"), root.at("image_height")), read_lens(root)},
                   {},
                   false};
-  if (!root.has("rectification_matrix") || !root.has("projection_matrix")) return info;
   const std::vector<double> P = matrix_values(root, "projection_matrix", 12);
   const SE3 T_rect_cam =
       pose_of(root.at("rectification_matrix"), matrix_values(root, "rectification_matrix", 9), {0, 0, 0});
