@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <functional>
+
 #include "plumbline/core/result.hpp"
 #include "plumbline/rig/rig.hpp"
 
@@ -23,5 +25,15 @@ enum class Align {
 /// kInvalidData when the image sizes differ; kDegenerate when fewer than 10 grid points can be compared.
 Result<DiffPx> compare_cameras(const Camera& a, const Camera& b, Align align = Align::kNone,
                                double distance_m = 1.0);
+
+/// A projection that is not one of our lenses: the pixel of p_cam, nullopt where it has none, and
+/// d(px)/d(p_cam) on request.
+using Projection = std::function<std::optional<Vec2>(const Vec3& p_cam, Mat23* J_px_p)>;
+
+/// As compare_cameras with any projection in b's place. `wanted` picks the grid points [px of a] to compare;
+/// empty: all. n_samples and compared_fraction count those compared.
+Result<DiffPx> compare_projection(const Camera& a, const Projection& b, Align align = Align::kNone,
+                                  double distance_m = 1.0,
+                                  const std::function<bool(const Vec2&)>& wanted = {});
 
 }  // namespace plumbline
