@@ -90,7 +90,7 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
 void add_input_options(CLI::App& app, CalibrateInputs& in) {
   app.add_option("--target", in.target, "target file, ours or Kalibr's");
   app.add_option("--cam", in.cams, "NAME=GLOB, once per camera; quote the pattern")
-      
+
       ->allow_extra_args(false);
   app.add_option("--pair-by", in.pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")

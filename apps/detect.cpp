@@ -76,7 +76,7 @@ void add_detect(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--target", o->target, "target file, ours or Kalibr's")->required();
   app.add_option("--cam", o->cams, "NAME=GLOB, once per camera; quote the pattern")
       ->required()
-      
+
       ->allow_extra_args(false);
   app.add_option("--pair-by", o->pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")

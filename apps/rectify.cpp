@@ -96,7 +96,7 @@ void add_rectify(CLI::App& app, const Common& common, int& exit_code) {
       ->required();
   app.add_option("--cam", o->cams, "NAME=GLOB, twice: the first camera keeps its up")
       ->required()
-      
+
       ->allow_extra_args(false);
   app.add_option("--pair-by", o->pair_by, "name or order")->check(CLI::IsMember({"name", "order"}));
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")

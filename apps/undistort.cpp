@@ -75,7 +75,7 @@ void add_undistort(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("calibration", o->calibration, "calibration.yaml or any camera file")->required();
   app.add_option("--cam", o->cams, "NAME=GLOB, once per camera; quote the pattern")
       ->required()
-      
+
       ->allow_extra_args(false);
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(CLI::Range(0.0, 1.0));

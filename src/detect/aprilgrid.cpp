@@ -50,30 +50,36 @@ struct Candidate {
   CornerStart start;
 };
 
-/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. H maps from `origin`.
-void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k, const Mat3& H,
-                   const Vec2& origin, const Vec2& start, std::vector<Candidate>& out) {
+/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. H maps from
+/// `origin`.
+void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k,
+                   const Mat3& H, const Vec2& origin, const Vec2& start, std::vector<Candidate>& out) {
   const Mat2 J = map_jacobian(H, tag.board[k] - origin);
   const double scale = std::min(J.col(0).norm(), J.col(1).norm()), gap = board.spacing * scale;
-  // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them white.
+  // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them
+  // white.
   const double clean = std::min(0.2, board.spacing);
   const Vec2 u = J.col(0) * (0.5 * clean), v = J.col(1) * (k % 2 == 0 ? 0.5 * clean : -0.5 * clean);
   if (saddle_contrast(grey, start, u, v) > -8) return;
-  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k), tag.board[k],
+  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k),
+                 tag.board[k],
                  {start, half_window(0.9 * clean * scale), std::max(1.5, 0.6 * gap)}});
 }
 
 /// Starts for the four corners of a tag. `H` maps from the tag's centre.
-void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H, std::vector<Candidate>& out) {
+void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H,
+                    std::vector<Candidate>& out) {
   const Vec2 centre = tag.board_centre();
   for (std::size_t k = 0; k < 4; ++k) {
     const auto predicted = map_point(H, tag.board[k] - centre);
     if (!predicted) continue;
     const Mat2 J = map_jacobian(H, tag.board[k] - centre);
     const double gap = board.spacing * std::min(J.col(0).norm(), J.col(1).norm());
-    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a wide lens.
+    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a
+    // wide lens.
     const bool agree = (tag.px[k] - *predicted).norm() < 0.5 * gap;
-    add_candidate(grey, board, tag, k, H, centre, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted, out);
+    add_candidate(grey, board, tag, k, H, centre, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted,
+                  out);
   }
 }
 
@@ -89,13 +95,16 @@ std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& c
   const auto refined = refine_corners(grey, starts, noise);
   std::vector<Refined> out;
   for (std::size_t i = 0; i < refined.size(); ++i) {
-    if (refined[i]) out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
+    if (refined[i])
+      out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
   }
   return out;
 }
 
-/// The local map from board points relative to `at`, by the twelve refined corners nearest to it (`skip` is not one).
-std::optional<Mat3> plane_of_refined(const std::vector<Refined>& all, const Vec2& at, int skip, double tag_px) {
+/// The local map from board points relative to `at`, by the twelve refined corners nearest to it (`skip` is
+/// not one).
+std::optional<Mat3> plane_of_refined(const std::vector<Refined>& all, const Vec2& at, int skip,
+                                     double tag_px) {
   std::vector<const Refined*> near;
   for (const Refined& r : all)
     if (r.point != skip) near.push_back(&r);
@@ -133,8 +142,9 @@ double stray_limit(std::vector<double> distances) {
 }
 
 /// Without strays; then those that had a bad start, or none, again from where their good neighbours say.
-std::vector<Refined> without_strays(const cv::Mat& grey, const AprilGrid& board, const std::vector<PlacedQuad>& quads,
-                                    const std::vector<int>& tags, const std::vector<Refined>& first, double tag_px, double noise) {
+std::vector<Refined> without_strays(const cv::Mat& grey, const AprilGrid& board,
+                                    const std::vector<PlacedQuad>& quads, const std::vector<int>& tags,
+                                    const std::vector<Refined>& first, double tag_px, double noise) {
   const std::vector<double> distance = stray_distances(first, tag_px);
   const double limit = stray_limit(distance);
   std::vector<Refined> good;
@@ -195,7 +205,8 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
   for (const Refined& r : without_strays(grey, board, quads, consistent.index, refined, tag_px, noise)) {
     out.corners.push_back({r.point, r.px, r.sigma});
   }
-  std::sort(out.corners.begin(), out.corners.end(), [](const Corner& a, const Corner& b) { return a.point < b.point; });
+  std::sort(out.corners.begin(), out.corners.end(),
+            [](const Corner& a, const Corner& b) { return a.point < b.point; });
   if (out.corners.size() < 4) {
     out.reason = fmt::format("{} of {} tags found, but only {} of their corners are clear", n, all,
                              out.corners.size());

@@ -17,8 +17,8 @@ namespace plumbline::detail {
 namespace {
 
 /// The centroid of n = pi r^2 pixels of noise s / contrast has the error s / contrast sqrt(n r^2 / 4) / n =
-/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on rendered boards
-/// (docs/detect.md).
+/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on
+/// rendered boards (docs/detect.md).
 constexpr double kNoiseGain = 0.56, kSystematic = 0.015;
 
 /// Grey-level moments of a dark disc.

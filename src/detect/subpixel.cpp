@@ -9,13 +9,15 @@
 namespace plumbline::detail {
 namespace {
 
-/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8 px the mean error
-/// on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's neighbours leak in.
+/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8
+/// px the mean error on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's
+/// neighbours leak in.
 constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
 
-/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula leaves out (the
-/// smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall with the root of the window.
-/// Set on rendered boards, where the errors are known: docs/detect.md has the table.
+/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula
+/// leaves out (the smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall
+/// with the root of the window. Set on rendered boards, where the errors are known: docs/detect.md has the
+/// table.
 constexpr double kSystematic = 0.045, kNoiseGain = 2.05;
 
 /// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after
