@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <CLI/Error.hpp>
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <csignal>
@@ -38,34 +38,43 @@ void on_run(CLI::App& app, int& exit_code, std::function<Result<int>()> body) {
 
 void usage_error(const std::string& message) { throw CLI::ValidationError(message); }
 
-Result<std::vector<CamArg>> parse_cams(const std::vector<std::string>& arguments) {
+namespace {
+// What is wrong with one --cam argument; empty when nothing is.
+std::string fault_of_cam(const std::string& argument) {
+  const std::size_t equals = argument.find('=');
+  if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
+    return fmt::format("{}: NAME=GLOB is needed, for example --cam left='img/left*.jpg'", argument);
+  }
+  const bool plain = std::all_of(argument.begin(), argument.begin() + equals, [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-' || c == '.';
+  });
+  if (plain && argument.front() != '.') return "";
+  return fmt::format("{}: a camera's name is letters, digits, '_', '-' and '.'", argument);
+}
+}  // namespace
+
+CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams) {
+  return app.add_option("--cam", cams, "NAME=GLOB, once per camera; quote the pattern")
+      ->allow_extra_args(false)
+      ->check(CLI::Validator(fault_of_cam, "NAME=GLOB"));
+}
+
+std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments) {
   std::vector<CamArg> cams;
   std::set<std::string> names;
   for (const std::string& argument : arguments) {
     const std::size_t equals = argument.find('=');
-    if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
-      usage_error(
-          fmt::format("--cam {}: NAME=GLOB is needed, for example --cam left='img/left*.jpg'", argument));
+    cams.push_back({argument.substr(0, equals), argument.substr(equals + 1)});
+    if (!names.insert(cams.back().name).second) {
+      usage_error(fmt::format("--cam {}: two cameras have this name", argument));
     }
-    CamArg cam{argument.substr(0, equals), argument.substr(equals + 1)};
-    const bool plain = std::all_of(cam.name.begin(), cam.name.end(), [](unsigned char c) {
-      return std::isalnum(c) || c == '_' || c == '-' || c == '.';
-    });
-    if (!plain || cam.name.front() == '.') {
-      usage_error(fmt::format("--cam {}: a camera's name is letters, digits, '_', '-' and '.'", argument));
-    }
-    if (!names.insert(cam.name).second)
-      usage_error(fmt::format("--cam {}: two cameras have this name", cam.name));
-    cams.push_back(std::move(cam));
   }
   return cams;
 }
 
 Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order) {
-  auto parsed = parse_cams(cams);
-  if (!parsed) return parsed.error();
   std::vector<CameraImages> all;
-  for (const CamArg& cam : *parsed) {
+  for (const CamArg& cam : parse_cams(cams)) {
     auto matches = glob_files(cam.pattern);
     if (!matches) return matches.error();
     CameraImages images{cam.name, {}, {}, {}};
@@ -192,7 +201,8 @@ struct Progress::State {
   std::string what;
   bool terminal = false, silent = false;
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-  int last_tenth = -1;
+  std::chrono::steady_clock::time_point last_line = start;
+  bool shown = false;
 };
 
 Progress::Progress(std::string what, const Common& common) : state_(std::make_unique<State>()) {
@@ -202,7 +212,7 @@ Progress::Progress(std::string what, const Common& common) : state_(std::make_un
 }
 
 Progress::~Progress() {
-  if (state_->terminal && state_->last_tenth >= 0) fmt::print(stderr, "\r\033[K");
+  if (state_->terminal && state_->shown) fmt::print(stderr, "\r\033[K");
 }
 
 void Progress::operator()(int done, int all) {
@@ -210,14 +220,17 @@ void Progress::operator()(int done, int all) {
   const double elapsed_s =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - state_->start).count();
   const double left_s = done > 0 ? elapsed_s / done * (all - done) : 0;
-  const int tenth = 10 * done / all;
   if (state_->terminal) {
     fmt::print(stderr, "\r\033[K{}: {} of {} ({:.0f} s left)", state_->what, done, all, left_s);
     std::fflush(stderr);
-  } else if (tenth / 5 != state_->last_tenth / 5 || state_->last_tenth < 0) {
-    fmt::print(stderr, "{}: {} of {}\n", state_->what, done, all);
+    state_->shown = true;
+    return;
   }
-  state_->last_tenth = tenth;
+  // Into a file or a pipe: a line every few seconds, and none for what is quickly done.
+  const auto now = std::chrono::steady_clock::now();
+  if (now - state_->last_line < std::chrono::seconds(3)) return;
+  fmt::print(stderr, "{}: {} of {}, about {:.0f} s left\n", state_->what, done, all, left_s);
+  state_->last_line = now;
 }
 
 Status print_result(const Common& common, const Json& json, const std::string& text) {

@@ -28,7 +28,10 @@ void on_run(CLI::App& app, int& exit_code, std::function<Result<int>()> body);
 struct CamArg {
   std::string name, pattern;
 };
-Result<std::vector<CamArg>> parse_cams(const std::vector<std::string>& arguments);
+std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments);
+
+/// Declares --cam, once per camera, on a subcommand; malformed ones are wrong usage before any file is touched.
+CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams);
 
 /// The images of --cam arguments with their frame keys; `by_order` matches frames of several cameras by
 /// position.
@@ -53,7 +56,7 @@ ImageSize parse_size(const std::string& text, const std::string& option);
 Status write_folder(const std::filesystem::path& folder, bool force,
                     const std::function<Status(const std::filesystem::path&)>& fill);
 
-/// Progress on stderr: one line that is rewritten on a terminal, a few plain lines otherwise; nothing with
+/// Progress on stderr: one line that is rewritten on a terminal, a plain line every few seconds otherwise; nothing with
 /// --json off a terminal.
 class Progress {
  public:

@@ -45,14 +45,13 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
   }
   std::sort(images->begin(), images->end(),
             [](const VnlImage& a, const VnlImage& b) { return natural_less(a.filename, b.filename); });
-  auto cams = parse_cams(in.cams.empty() ? std::vector<std::string>{"camera=*"} : in.cams);
-  if (!cams) return cams.error();
+  const std::vector<CamArg> cams = parse_cams(in.cams.empty() ? std::vector<std::string>{"camera=*"} : in.cams);
   std::map<std::string, int> frame_of;
-  for (std::size_t cam = 0; cam < cams->size(); ++cam) {
-    data.cameras.push_back({(*cams)[cam].name, parse_size(in.image_size, "--image-size")});
+  for (std::size_t cam = 0; cam < cams.size(); ++cam) {
+    data.cameras.push_back({cams[cam].name, parse_size(in.image_size, "--image-size")});
     int n_matched = 0;
     for (const VnlImage& image : *images) {
-      auto key = glob_key((*cams)[cam].pattern, image.filename);
+      auto key = glob_key(cams[cam].pattern, image.filename);
       if (!key) continue;
       if (in.pair_by == "order") key = fmt::format("{}", n_matched);
       add_view(data, frame_of, static_cast<int>(cam), *key, image);
@@ -61,7 +60,7 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
     if (n_matched == 0) {
       return Error{ErrorCode::kInvalidData,
                    fmt::format("no name in the file matches --cam {}={}; it holds {} images{}",
-                               (*cams)[cam].name, (*cams)[cam].pattern, images->size(),
+                               cams[cam].name, cams[cam].pattern, images->size(),
                                images->empty() ? "" : ", for example " + images->front().filename),
                    in.corners};
     }
@@ -89,9 +88,7 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
 
 void add_input_options(CLI::App& app, CalibrateInputs& in) {
   app.add_option("--target", in.target, "target file, ours or Kalibr's");
-  app.add_option("--cam", in.cams, "NAME=GLOB, once per camera; quote the pattern")
-
-      ->allow_extra_args(false);
+  add_cam_option(app, in.cams);
   app.add_option("--pair-by", in.pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")
       ->check(CLI::IsMember({"name", "order"}));

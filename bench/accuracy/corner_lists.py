@@ -27,7 +27,7 @@ def _yac(folder, out, every=1, first=None):
     images = []
     for cam in ("cam0", "cam1"):
         files = sorted(glob.glob(os.path.join(folder, cam, "*.csv")))
-        files = [f for f in files if "imu" not in f][:first][::every]
+        files = files[:first][::every]
         for file in files:
             corners = {}
             for row in csv.reader(open(file)):

@@ -32,7 +32,7 @@ LIFECAM = "photonvision/calibrationCharucoImg/lifecam"
 
 SETS = [
     dict(name="opencv_leftright", target=chess("9x6", 0.025), lens="opencv5",
-         cams={"left": "opencv_leftright/**/left*.jpg", "right": "opencv_leftright/**/right*.jpg"},
+         cams={"left": "opencv_leftright/left*.jpg", "right": "opencv_leftright/right*.jpg"},
          known=dict(fx=[533.417, 537.022], rms=0.2151, by="OpenCV stereoCalibrate, all free; squares of 25 mm")),
     dict(name="opencv_fisheye_stereo", target=chess("8x6", 0.0244), lens="kb4",
          cams={"left": f"{FISHEYE}/left/*.jpg", "right": f"{FISHEYE}/right/*.jpg"},

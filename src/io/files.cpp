@@ -162,14 +162,7 @@ bool holds_working_directory(const fs::path& directory) {
 Status check_destination(const fs::path& directory, bool force) {
   std::error_code ignored;
   const fs::file_status old = fs::status(directory, ignored);
-  if (!fs::exists(old)) {
-    const fs::path parent = directory.has_parent_path() ? directory.parent_path() : fs::path(".");
-    if (!fs::is_directory(parent, ignored)) {
-      return io_error(directory, fmt::format("cannot be made: there is no directory '{}'; make it first",
-                                             parent.string()));
-    }
-    return {};
-  }
+  if (!fs::exists(old)) return {};
   if (!fs::is_directory(old)) return io_error(directory, "is a file; give the name of a directory");
   if (!force) return io_error(directory, kExists);
   if (holds_working_directory(directory)) {
@@ -215,6 +208,10 @@ Result<OutputDir> OutputDir::create(const fs::path& directory, bool force) {
   OutputDir output;
   output.final_ = final;
   output.force_ = force;
+  // The parents that are not there yet are made too, as mkdir -p does.
+  std::error_code error;
+  if (final.has_parent_path()) fs::create_directories(final.parent_path(), error);
+  if (error) return io_error(directory, "cannot be made: " + error.message());
   const auto temporary =
       unique_sibling(final, [](const fs::path& name) { return ::mkdir(name.c_str(), 0777) == 0; });
   if (!temporary) return io_error(directory, "cannot be made: " + reason(errno));

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "plumbline/assess/compare.hpp"
 #include "plumbline/io/calibration_io.hpp"
