@@ -71,6 +71,7 @@ struct Subject {
   Vec3 middle = Vec3::Zero();
   double radius = 0;
   Mat3 R_view_target = Mat3::Identity();
+  double max_tilt = std::numbers::pi / 4;  ///< from facing the camera [rad]
 };
 
 Subject subject_of(const Target& target, const std::vector<BoardDrawing>& drawings) {
@@ -89,6 +90,8 @@ Subject subject_of(const Target& target, const std::vector<BoardDrawing>& drawin
   down -= away * away.dot(down);
   if (down.norm() < 1e-6) down = away.unitOrthogonal();
   down.normalize();
+  // The faces of a corner are tilted by 55 degrees already when the corner faces the camera.
+  if (!target.is_planar) s.max_tilt = 0.35;
   s.R_view_target.row(0) = down.cross(away);
   s.R_view_target.row(1) = down;
   s.R_view_target.row(2) = away;
@@ -100,8 +103,7 @@ Subject subject_of(const Target& target, const std::vector<BoardDrawing>& drawin
 std::optional<SE3> draw_pose(const Subject& s, const Camera& camera, const Vec2& place, double share,
                              Rng& rng) {
   const Vec2 px(place.x() * camera.size.width - 0.5, place.y() * camera.size.height - 0.5);
-  const double tilt = std::numbers::pi / 4 * std::sqrt(rng.uniform()),
-               towards = rng.uniform(0, 2 * std::numbers::pi);
+  const double tilt = s.max_tilt * std::sqrt(rng.uniform()), towards = rng.uniform(0, 2 * std::numbers::pi);
   const double roll = rng.uniform(-0.5, 0.5);
   const auto ray = unproject(camera.lens, px);
   if (!ray) return std::nullopt;

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "visibility.hpp"
 
+#include <cmath>
+#include <numbers>
+
 #include "plumbline/core/check.hpp"
 #include "plumbline/synth/scene.hpp"
 
@@ -34,6 +37,25 @@ struct Sheet {
     return (cut.array() >= low.array()).all() && (cut.array() <= high.array()).all();
   }
 };
+
+// The pixel of a point when it is in the image.
+std::optional<Vec2> inside(const Camera& camera, const Vec3& p_cam) {
+  const auto px = project(camera.lens, p_cam);
+  const Vec2 low = Vec2::Constant(kImageBorderPx - 0.5),
+             high = Vec2(camera.size.width, camera.size.height) - low - Vec2::Ones();
+  if (!px || (px->array() < low.array()).any() || (px->array() > high.array()).any()) return std::nullopt;
+  return px;
+}
+
+// A circle is seen by its rim: all of it must be in the image. Circle grids are never parts of rigs.
+bool disc_inside(const Disc& disc, const Camera& camera, const SE3& T_cam_target) {
+  for (int i = 0; i < 8; ++i) {
+    const double angle = i * std::numbers::pi / 4;
+    const Vec2 rim = disc.centre + disc.radius * Vec2(std::cos(angle), std::sin(angle));
+    if (!inside(camera, T_cam_target * Vec3(rim.x(), rim.y(), 0))) return false;
+  }
+  return true;
+}
 
 }  // namespace
 
@@ -73,10 +95,11 @@ std::vector<Corner> visible_corners(const Target& target, const std::vector<Boar
       --left;
       if (!sheets[static_cast<std::size_t>(board)].front) continue;
     }
-    const auto px = project(camera.lens, T_cam_target * target.points[i]);
-    if (!px || !(px->x() >= kImageBorderPx - 0.5 && px->y() >= kImageBorderPx - 0.5 &&
-                 px->x() <= camera.size.width - 0.5 - kImageBorderPx &&
-                 px->y() <= camera.size.height - 0.5 - kImageBorderPx)) {
+    const auto px = inside(camera, T_cam_target * target.points[i]);
+    if (!px) continue;
+    if (!sheets.empty() && !drawings[static_cast<std::size_t>(board)].discs.empty() &&
+        !disc_inside(drawings[static_cast<std::size_t>(board)].discs[static_cast<std::size_t>(i)], camera,
+                     T_cam_target)) {
       continue;
     }
     bool hidden = false;

@@ -37,12 +37,12 @@ Result<Lens> simulated_lens(std::string_view name, double fov_deg, ImageSize siz
 
 /// The truth, with corners as a perfect detector of known noise would report them: every point in front of
 /// the lens, inside the image by 2 px, on the printed side of its board and not hidden by another board of
-/// the target. Boards are spread over the image and tilted by up to 45 degrees, near enough to cover a third
-/// to four fifths of the image's smaller side. A chessboard or circle grid that is not seen whole gives no
-/// corners in that view, as with a detector; the first camera or (with several) one of them always sees the
-/// board. Frames are named "000", "001", ...; view images "cam0/000.png". `fits` holds the noise, stats its
-/// RMS. kInvalidData: an option that makes no sense; kDegenerate: no pose was found that shows the target
-/// (its size against the baseline).
+/// the target. Boards are spread over the image and tilted by up to 45 degrees (corners of boards by 20),
+/// near enough to cover a third to four fifths of the image's smaller side. A chessboard or circle grid that
+/// is not seen whole gives no corners in that view, as with a detector; the first camera or (with several)
+/// one of them always sees the board. Frames are named "000", "001", ...; view images "cam0/000.png". `fits`
+/// holds the noise, stats its RMS. kInvalidData: an option that makes no sense; kDegenerate: no pose was
+/// found that shows the target (its size against the baseline).
 Result<Calibration> simulate(const Target& target, const SceneOptions& options);
 
 /// Points that a camera sees, exactly projected, sigma_px 1. `drawings` may be empty (free points: nothing
