@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// One libFuzzer target for each reader; FUZZ_NAME says which. Besides not crashing, what was read must be
+// sound: our own files written again give the same text twice, and a rig that was read can be written by its
+// format or is refused.
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+
+#include "plumbline/io/calibration_io.hpp"
+#include "plumbline/io/dataset_io.hpp"
+#include "plumbline/io/formats.hpp"
+#include "plumbline/io/target_io.hpp"
+
+namespace {
+using namespace plumbline;
+
+void require(bool condition) {
+  if (!condition) std::abort();
+}
+
+template <class T>
+void read_twice(const Result<T>& first, std::string (*format)(const T&),
+                Result<T> (*parse)(std::string_view)) {
+  if (!first) {
+    require(!first.error().message.empty());
+    return;
+  }
+  const std::string text = format(*first);
+  const Result<T> second = parse(text);
+  require(second.has_value());
+  require(format(*second) == text);
+}
+
+void read_format(std::string_view name, std::string_view bytes) {
+  // A second file of the same bytes reaches what joins several.
+  const NamedBytes one{"a/camera.x", std::string(bytes)};
+  for (const std::vector<NamedBytes>& files : {std::vector{one}, std::vector{one, one}}) {
+    const Result<Rig> rig = read_rig(files, name);
+    if (!rig) {
+      require(!rig.error().message.empty());
+      continue;
+    }
+    require(!rig->cameras.empty() && rig->T_cam_rig.size() == rig->cameras.size());
+    for (const Format* format : formats()) {
+      const auto written = format->write(*rig, {});
+      require(written || written.error().code == ErrorCode::kUnsupported);
+      if (written && format->name == name) require(read_rig(*written, name).has_value());
+    }
+  }
+}
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  const std::string_view name = FUZZ_NAME;
+  if (name == "target")
+    read_twice(parse_target(text), format_target, parse_target);
+  else if (name == "corners")
+    read_twice(parse_corners(text), format_corners, parse_corners);
+  else if (name == "calibration")
+    read_twice(parse_calibration(text), format_calibration, parse_calibration);
+  else if (name == "vnl")
+    (void)parse_vnl(text);
+  else
+    read_format(name == "any" ? "" : name, text);
+  return 0;
+}

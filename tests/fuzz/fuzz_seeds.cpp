@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes the seeds: DIR/<target>/<n>, in every shape that our own writers know.
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+
+#include "io/example.hpp"
+#include "plumbline/io/calibration_io.hpp"
+#include "plumbline/io/dataset_io.hpp"
+#include "plumbline/io/formats.hpp"
+#include "plumbline/io/target_io.hpp"
+
+namespace {
+using namespace plumbline;
+
+std::filesystem::path root;
+
+void seed(const std::string& target, const std::string& bytes) {
+  const auto dir = root / target;
+  std::filesystem::create_directories(dir);
+  int n = 0;
+  while (std::filesystem::exists(dir / ("seed" + std::to_string(n)))) ++n;
+  std::ofstream(dir / ("seed" + std::to_string(n)), std::ios::binary) << bytes;
+}
+
+void seed_targets() {
+  BoardRig rig;
+  rig.parts = {{Charuco{}, SE3()}, {AprilGrid{}, SE3(so3_exp({0.1, 0.2, 0.3}), {1, 2, 3})}};
+  for (const TargetSpec& spec :
+       {TargetSpec(Chessboard{}), TargetSpec(Charuco{}), TargetSpec(AprilGrid{}), TargetSpec(Circles{}),
+        TargetSpec(Points3d{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 0.5}}}), TargetSpec(rig)}) {
+    seed("target", format_target(make_target(spec, "a name").value()));
+  }
+  seed("target",
+       "target_type: 'aprilgrid' # type\ntagCols: 6\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3\n");
+  seed("target",
+       "target_type: checkerboard\ntargetCols: 6\ntargetRows: 7\nrowSpacingMeters: 0.06\ncolSpacingMeters: "
+       "0.06\n");
+  seed("target",
+       "target_type: circlegrid\ntargetCols: 6\ntargetRows: 7\nspacingMeters: 0.02\nasymmetricGrid: true\n");
+}
+
+void seed_formats() {
+  for (std::string_view lens : lens_names()) {
+    for (int n = 1; n <= 3; ++n) {
+      Rig rig;
+      for (int i = 0; i < n; ++i) {
+        rig.cameras.push_back(
+            {"cam" + std::to_string(i), {640, 480}, make_lens(lens, {640, 480}, 500).value()});
+        for (double& v : params(rig.cameras.back().lens).subspan(4)) v = 0.01;
+        rig.T_cam_rig.push_back(i ? SE3(so3_exp({0.1, 0, 0}), {-0.1 * i, 0, 0}) : SE3());
+      }
+      for (const Format* format : formats()) {
+        const auto files = format->write(rig, {});
+        if (!files) continue;
+        for (const NamedBytes& file : *files) {
+          seed(std::string(format->name), file.bytes);
+          seed("any", file.bytes);
+        }
+      }
+    }
+  }
+}
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::cerr << "usage: fuzz_seeds DIR\n";
+    return 2;
+  }
+  root = argv[1];
+  const Calibration calibration = test::example_calibration();
+  seed_targets();
+  seed("corners", format_corners(calibration.data));
+  seed("calibration", format_calibration(calibration));
+  Calibration rig_only;
+  rig_only.rig = calibration.rig;
+  seed("calibration", format_calibration(rig_only));
+  seed("vnl", format_vnl(calibration.data, 0));
+  seed("vnl", "# filename x y weight\na 1 2 0.5\na - - -\nb 1e3 2 -\n");
+  seed_formats();
+  return 0;
+}
