@@ -30,7 +30,8 @@ struct CamArg {
 };
 std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments);
 
-/// Declares --cam, once per camera, on a subcommand; malformed ones are wrong usage before any file is touched.
+/// Declares --cam, once per camera, on a subcommand; malformed ones are wrong usage before any file is
+/// touched.
 CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams);
 
 /// The images of --cam arguments with their frame keys; `by_order` matches frames of several cameras by
@@ -56,7 +57,8 @@ ImageSize parse_size(const std::string& text, const std::string& option);
 Status write_folder(const std::filesystem::path& folder, bool force,
                     const std::function<Status(const std::filesystem::path&)>& fill);
 
-/// Progress on stderr: one line that is rewritten on a terminal, a plain line every few seconds otherwise; nothing with
+/// Progress on stderr: one line that is rewritten on a terminal, a plain line every few seconds otherwise;
+/// nothing with
 /// --json off a terminal.
 class Progress {
  public:

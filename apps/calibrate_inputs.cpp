@@ -45,7 +45,8 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
   }
   std::sort(images->begin(), images->end(),
             [](const VnlImage& a, const VnlImage& b) { return natural_less(a.filename, b.filename); });
-  const std::vector<CamArg> cams = parse_cams(in.cams.empty() ? std::vector<std::string>{"camera=*"} : in.cams);
+  const std::vector<CamArg> cams =
+      parse_cams(in.cams.empty() ? std::vector<std::string>{"camera=*"} : in.cams);
   std::map<std::string, int> frame_of;
   for (std::size_t cam = 0; cam < cams.size(); ++cam) {
     data.cameras.push_back({cams[cam].name, parse_size(in.image_size, "--image-size")});

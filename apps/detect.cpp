@@ -74,8 +74,7 @@ Result<int> run(const Options& o, const Common& common) {
 void add_detect(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
   app.add_option("--target", o->target, "target file, ours or Kalibr's")->required();
-  add_cam_option(app, o->cams)
-      ->required();
+  add_cam_option(app, o->cams)->required();
   app.add_option("--pair-by", o->pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")
       ->check(CLI::IsMember({"name", "order"}));

@@ -59,7 +59,7 @@ Result<int> run(const Options& o, const Common& common) {
       write_folder(o.output, common.force, [&](const std::filesystem::path& folder) -> Status {
         for (std::size_t i = 0; i < 2; ++i) {
           Progress progress("rectifying " + (*images)[i].camera, common);
-      const Status s = remap_images((*images)[i], rig->cameras[cams[i]].size, maps[i], folder, o.lines,
+          const Status s = remap_images((*images)[i], rig->cameras[cams[i]].size, maps[i], folder, o.lines,
                                         common, progress);
           if (!s) return s;
         }
@@ -94,8 +94,7 @@ void add_rectify(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
   app.add_option("calibration", o->calibration, "calibration.yaml or any camera file with extrinsics")
       ->required();
-  add_cam_option(app, o->cams)
-      ->required();
+  add_cam_option(app, o->cams)->required();
   app.add_option("--pair-by", o->pair_by, "name or order")->check(CLI::IsMember({"name", "order"}));
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(CLI::Range(0.0, 1.0));

@@ -40,7 +40,7 @@ Result<int> run(const Options& o, const Common& common) {
           const RemapMaps maps =
               remap_maps(camera, Mat3::Identity(), camera_matrix_k(*pinhole), new_size, common.n_threads);
           Progress progress("undistorting " + of_camera.camera, common);
-      if (Status s = remap_images(of_camera, camera.size, maps, folder, false, common, progress); !s)
+          if (Status s = remap_images(of_camera, camera.size, maps, folder, false, common, progress); !s)
             return s;
           undistorted.cameras.push_back({of_camera.camera, new_size, *pinhole});
           undistorted.T_cam_rig.push_back(rig->T_cam_rig[*cam]);
@@ -73,8 +73,7 @@ Result<int> run(const Options& o, const Common& common) {
 void add_undistort(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
   app.add_option("calibration", o->calibration, "calibration.yaml or any camera file")->required();
-  add_cam_option(app, o->cams)
-      ->required();
+  add_cam_option(app, o->cams)->required();
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--size", o->size, "WIDTHxHEIGHT of the new images (default: as the camera's)");
