@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "args.hpp"
+#include "overlay.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/files.hpp"
 
@@ -13,7 +14,7 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string target, output;
+  std::string target, output, overlay;
   std::vector<std::string> cams;
   std::string pair_by = "name";
 };
@@ -34,6 +35,9 @@ Result<int> run(const Options& o, const Common& common) {
   if (as_vnl && o.cams.size() != 1)
     usage_error("a .vnl file holds one camera; give one --cam, or -o corners.yaml");
   if (Status s = check_output(o.output, common); !s) return s.error();
+  if (!o.overlay.empty()) {
+    if (Status s = check_output(o.overlay, common); !s) return s.error();
+  }
   auto target = load_target(o.target);
   if (!target) return target.error();
   auto images = find_images(o.cams, o.pair_by == "order");
@@ -46,6 +50,12 @@ Result<int> run(const Options& o, const Common& common) {
   if (!data) return data.error();
   const std::string bytes = as_vnl ? format_vnl(*data, 0) : format_corners(*data);
   if (Status s = write_file(o.output, bytes, common.force); !s) return s.error();
+  if (!o.overlay.empty()) {
+    const Status drawn = write_folder(o.overlay, common.force, [&](const std::filesystem::path& folder) {
+      return write_overlays(*images, *data, folder, common);
+    });
+    if (!drawn) return drawn.error();
+  }
 
   Json json{{"target", data->target.name}, {"detector", data->detector}, {"views", json_of_views(*data)}};
   std::string text;
@@ -79,6 +89,7 @@ void add_detect(CLI::App& app, const Common& common, int& exit_code) {
                  "match frames of several cameras by name (what the wildcards matched) or order")
       ->check(CLI::IsMember({"name", "order"}));
   app.add_option("-o,--output", o->output, "corners.yaml, or corners.vnl for mrcal")->required();
+  app.add_option("--overlay", o->overlay, "folder for the images with the corners drawn into them");
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }
 

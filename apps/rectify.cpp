@@ -21,7 +21,7 @@ struct Options {
   std::vector<std::string> cams;
   std::string pair_by = "name";
   double alpha = 0;
-  bool lines = false;
+  bool pairs = false;
 };
 
 // The board corners lie in calibration.yaml only; other camera files have none.
@@ -59,9 +59,12 @@ Result<int> run(const Options& o, const Common& common) {
       write_folder(o.output, common.force, [&](const std::filesystem::path& folder) -> Status {
         for (std::size_t i = 0; i < 2; ++i) {
           Progress progress("rectifying " + (*images)[i].camera, common);
-          const Status s = remap_images((*images)[i], rig->cameras[cams[i]].size, maps[i], folder, o.lines,
-                                        common, progress);
+          const Status s =
+              remap_images((*images)[i], rig->cameras[cams[i]].size, maps[i], folder, common, progress);
           if (!s) return s;
+        }
+        if (o.pairs) {
+          if (Status s = write_pairs(*images, folder, rectification->vertical, common); !s) return s;
         }
         return write_file(folder / "rectification.yaml", format_rectification(*rectification), true);
       });
@@ -99,7 +102,8 @@ void add_rectify(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--size", o->size, "WIDTHxHEIGHT of the rectified images (default: as the first camera's)");
-  app.add_flag("--lines", o->lines, "draw horizontal lines into the images, to see the rows match");
+  app.add_flag("--pairs", o->pairs,
+               "write pairs/FRAME.png too: both pictures in one, with lines that show the rows match");
   app.add_option("-o,--output", o->output, "folder for CAMERA/STEM.png and rectification.yaml")->required();
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }

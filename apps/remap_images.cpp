@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <mutex>
 #include <opencv2/imgproc.hpp>
 #include <set>
@@ -15,14 +16,6 @@ namespace plumbline::apps {
 namespace fs = std::filesystem;
 
 namespace {
-void draw_lines(cv::Mat& image) {
-  if (image.channels() == 1) cv::cvtColor(image, image, cv::COLOR_GRAY2BGR);
-  for (int y = 20; y < image.rows; y += 40) {
-    cv::line(image, {0, y}, {image.cols - 1, y},
-             (y / 40) % 2 ? cv::Scalar(80, 200, 80) : cv::Scalar(60, 120, 240), 1);
-  }
-}
-
 Status check_stems(const CameraImages& images) {
   std::set<std::string> stems;
   for (const fs::path& file : images.files) {
@@ -47,7 +40,7 @@ Result<int> find_camera(const Rig& rig, const std::string& name, const std::stri
 }
 
 Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps& maps, const fs::path& folder,
-                    bool lines, const Common& common, Progress& progress) {
+                    const Common& common, Progress& progress) {
   if (Status s = check_stems(images); !s) return s;
   std::error_code error;
   fs::create_directories(folder / images.camera, error);
@@ -66,12 +59,64 @@ Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps&
                                  image->rows, images.camera, size.width, size.height),
                      images.names[i]};
       }
-      cv::Mat result = remap_image(*image, maps);
-      if (lines) draw_lines(result);
-      return write_png(folder / images.camera / (images.files[i].stem().string() + ".png"), result);
+      return write_png(folder / images.camera / (images.files[i].stem().string() + ".png"),
+                       remap_image(*image, maps));
     }();
     const std::lock_guard guard(lock);
     progress(++n_done, n);
+  });
+  for (Status& status : statuses) {
+    if (!status) return std::move(status);
+  }
+  return {};
+}
+
+namespace {
+cv::Mat in_colour(const cv::Mat& image) {
+  cv::Mat colour = image;
+  if (image.channels() == 1) cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
+  return colour;
+}
+
+cv::Mat pair_with_lines(const cv::Mat& first, const cv::Mat& second, bool vertical) {
+  cv::Mat pair;
+  if (vertical)
+    cv::vconcat(in_colour(first), in_colour(second), pair);
+  else
+    cv::hconcat(in_colour(first), in_colour(second), pair);
+  const int across = vertical ? pair.cols : pair.rows, step = std::max(10, across / 16);
+  for (int at = step / 2, i = 0; at < across; at += step, ++i) {
+    const cv::Scalar colour = i % 2 ? cv::Scalar(80, 200, 80) : cv::Scalar(60, 120, 240);
+    if (vertical)
+      cv::line(pair, {at, 0}, {at, pair.rows - 1}, colour);
+    else
+      cv::line(pair, {0, at}, {pair.cols - 1, at}, colour);
+  }
+  return pair;
+}
+}  // namespace
+
+Status write_pairs(const std::vector<CameraImages>& images, const fs::path& folder, bool vertical,
+                   const Common& common) {
+  std::error_code error;
+  fs::create_directories(folder / "pairs", error);
+  if (error) return Error{ErrorCode::kIo, error.message(), (folder / "pairs").string()};
+  std::vector<Status> statuses(images[0].files.size());
+  parallel_for(static_cast<int>(images[0].files.size()), common.n_threads, [&](int i) {
+    const auto& frames = images[1].frames;
+    const auto match = std::find(frames.begin(), frames.end(), images[0].frames[i]);
+    if (match == frames.end()) return;
+    const auto picture_of = [&](int camera, std::ptrdiff_t k) {
+      return read_image(folder / images[camera].camera / (images[camera].files[k].stem().string() + ".png"));
+    };
+    const auto first = picture_of(0, i), second = picture_of(1, match - frames.begin());
+    if (!first || !second) {
+      statuses[i] = first ? second.error() : first.error();
+      return;
+    }
+    std::string name = images[0].frames[i];
+    std::replace(name.begin(), name.end(), '/', '_');
+    statuses[i] = write_png(folder / "pairs" / (name + ".png"), pair_with_lines(*first, *second, vertical));
   });
   for (Status& status : statuses) {
     if (!status) return std::move(status);

@@ -13,7 +13,12 @@ Result<int> find_camera(const Rig& rig, const std::string& name, const std::stri
 /// Reads every image, remaps it and writes FOLDER/CAMERA/STEM.png. kInvalidData when an image has another
 /// size than the camera, or when two images have one stem.
 Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps& maps,
-                    const std::filesystem::path& folder, bool lines, const Common& common,
-                    Progress& progress);
+                    const std::filesystem::path& folder, const Common& common, Progress& progress);
+
+/// Writes FOLDER/pairs/FRAME.png for every frame that both cameras have: the two rectified pictures side by
+/// side (one above the other for a vertical pair) with lines along the epipolar lines, so that one can see
+/// the rows match.
+Status write_pairs(const std::vector<CameraImages>& images, const std::filesystem::path& folder,
+                   bool vertical, const Common& common);
 
 }  // namespace plumbline::apps

@@ -40,8 +40,7 @@ Result<int> run(const Options& o, const Common& common) {
           const RemapMaps maps =
               remap_maps(camera, Mat3::Identity(), camera_matrix_k(*pinhole), new_size, common.n_threads);
           Progress progress("undistorting " + of_camera.camera, common);
-          if (Status s = remap_images(of_camera, camera.size, maps, folder, false, common, progress); !s)
-            return s;
+          if (Status s = remap_images(of_camera, camera.size, maps, folder, common, progress); !s) return s;
           undistorted.cameras.push_back({of_camera.camera, new_size, *pinhole});
           undistorted.T_cam_rig.push_back(rig->T_cam_rig[*cam]);
           json["cameras"].push_back({{"name", of_camera.camera},

@@ -67,17 +67,15 @@ def cameramodel(root, spec, out):
 
 
 def orpc(root, spec, out):
-    """BabelCalib's published corners: board,column,row,x,y; 22 x 22 inner corners. Its rows and columns start at 0 in
-    the data set's own count of squares, and rows go up: a mirror image would not be a board, so rows are turned."""
+    """BabelCalib's published corners: board, point, 1, x, y. The points are those of the .dsc file in its order: 22 x 22
+    inner corners row by row from the top left, which is our numbering too."""
     images = []
     for file in sorted(glob.glob(os.path.join(root, spec["folder"], "*.orpc"))):
         corners = {}
         for line in open(file):
             piece = line.strip().split(",")
             if len(piece) == 5:
-                column, row = int(piece[1]), int(piece[2])
-                if 0 <= column < 22 and 0 <= row < 22:
-                    corners[(21 - row) * 22 + column] = (piece[3], piece[4])
+                corners[int(piece[1])] = (piece[3], piece[4])
         images.append((os.path.basename(file)[:-5], corners, 22 * 22))
     write_vnl(out, images)
 

@@ -29,4 +29,10 @@ std::string Error::text() const {
 
 void throw_invalid_argument(const std::string& text) { throw std::invalid_argument(text); }
 
+void throw_failed_check(std::string_view text, std::string_view condition) {
+  std::string what(text);
+  what.append(" (").append(condition).append(")");
+  throw std::invalid_argument(what);
+}
+
 }  // namespace plumbline
