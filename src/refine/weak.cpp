@@ -23,9 +23,10 @@ constexpr double kSmallestNoisePx = 0.05;
 constexpr double kWeakFocal = 0.02, kWeakCentre = 0.03;
 // Beyond a fifth the linear prediction itself has no meaning any more.
 constexpr double kUselessFocal = 0.20;
-// Boards that are nearly parallel to one another: the errors of their printing and of the corner finder are the same in
-// all of them and do not average out as the covariance believes. Ten frames of a hand-held sequence whose boards stayed
-// within 2 degrees miss the focal length by 4 % at a predicted 1 % (tests/refine/reference_test.cpp).
+// Boards that are nearly parallel to one another: the errors of their printing and of the corner finder are
+// the same in all of them and do not average out as the covariance believes. Ten frames of a hand-held
+// sequence whose boards stayed within 2 degrees miss the focal length by 4 % at a predicted 1 %
+// (tests/refine/reference_test.cpp).
 constexpr double kWeakSpreadDeg = 10.0;
 // A central perspective that sees boards only head-on: focal length and distance cannot be told apart.
 constexpr double kHeadOnDeg = 2.0;
