@@ -53,6 +53,21 @@ TEST(Calibrate, FindsTheFocalLengthForAnyFieldOfView) {
   }
 }
 
+// The pixels of an equidistant fisheye, seen as the rational lens, which can bend that far. On the way there
+// a perspective lens meets the edge of its domain: seed 2 at 135 degrees ends at 0.30 px from a perspective
+// start alone.
+TEST(Calibrate, APerspectiveLensWithStrongBarrelDistortion) {
+  for (double fov : {110.0, 135.0}) {
+    Scene scene{.fov_deg = fov, .seed = 2};
+    scene.lenses = {*make_lens("kb4", scene.size, focal_px(scene.size, fov, true))};
+    const Dataset data = with_noise(simulate(scene).truth.data, 0.1, 3);
+    const auto cal = calibrate(data, options_for("opencv8"));
+    ASSERT_TRUE(cal) << fov << " " << text_of(cal);
+    EXPECT_NEAR(cal->stats.rms_xy_px, 0.1, 0.01) << fov;
+    EXPECT_LE(cal->stats.n_outliers, 2) << fov;
+  }
+}
+
 // Chi-squared of the error against the predicted covariance, over independent noise: nine parameters, so its
 // mean over n trials is 9 +- sqrt(18 / n).
 TEST(Refine, ErrorsAreWithinThePredictedCovariance) {

@@ -17,7 +17,7 @@ struct RefineOptions {
   Start start = Start::kAuto;  ///< kAuto: DLT where a camera has a view with enough non-coplanar points,
                                ///< Zhang otherwise
   Loss loss = Loss::kSquared;
-  double loss_scale_px = 1.0;  ///< where Huber and Cauchy bend [px]
+  double loss_scale_px = 1.0;  ///< where Huber and Cauchy bend [px]; in sigmas with use_sigma
   bool mark_outliers = true;   ///< corners beyond outlier_sigma robust standard deviations are left out
   double outlier_sigma = 5.0;
   /// Shared parameters held at their start value, by the names of shared_parameter_names() or without the
@@ -35,7 +35,11 @@ struct RefineOptions {
 /// the pair); kInvalidData for a bad data set; kNotConverged when no start leads to a finite optimum.
 Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options);
 
-/// Refines from a given start (rig and board poses already set; frames without a pose are not used).
+/// Refines from a given start (rig and board poses already set; frames without a pose are not used). Marks of
+/// the start are forgotten. kNotConverged names the view when a corner lies outside its lens' domain at the
+/// start and outliers are not marked; the other failures are those of calibrate(). PLUMBLINE_CHECK: cameras,
+/// poses and frames belong together. In both, a corner that its lens does not project has a zero residual in
+/// `fits` and is marked as an outlier.
 Result<Calibration> refine(const Calibration& start, const RefineOptions& options);
 
 }  // namespace plumbline
