@@ -11,7 +11,8 @@
 namespace plumbline::detail {
 namespace {
 
-/// Kalibr prints 36h11 with a black border of two modules where the family has one: the code moves one module in.
+/// Kalibr prints 36h11 with a black border of two modules where the family has one: the code moves one module
+/// in.
 apriltag_family_t* wide_border_family() {
   apriltag_family_t* family = tag36h11_create();
   family->width_at_border = 10;
@@ -62,15 +63,16 @@ class TagDetector {
 }  // namespace
 
 std::vector<Marker> find_april_tags(const cv::Mat& grey) {
-  // On wide lenses the small black squares grow together with the tags they touch; each of these views parts another
-  // share of them (measured in docs/detect.md).
+  // On wide lenses the small black squares grow together with the tags they touch; each of these views parts
+  // another share of them (measured in docs/detect.md).
   const cv::Mat contiguous = grey.isContinuous() ? grey : grey.clone();
   cv::Mat dilated, brighter;
   cv::dilate(contiguous, dilated, cv::getStructuringElement(cv::MORPH_RECT, {3, 3}));
   contiguous.convertTo(brighter, CV_8U, 2.0);
   std::vector<Marker> markers;
   TagDetector detector;
-  // Large photographs show large tags: they are looked for at a reduced size (corners are refined at full size later).
+  // Large photographs show large tags: they are looked for at a reduced size (corners are refined at full
+  // size later).
   const float base = std::max(1.0F, std::round(static_cast<float>(std::max(grey.cols, grey.rows)) / 1600));
   detector.find(contiguous, base, markers);
   detector.find(contiguous, 2 * base, markers);
@@ -78,7 +80,8 @@ std::vector<Marker> find_april_tags(const cv::Mat& grey) {
   detector.find(brighter, base, markers);
   cv::Mat reduced = contiguous;
   if (base > 1) cv::resize(contiguous, reduced, cv::Size(), 1 / base, 1 / base, cv::INTER_AREA);
-  const Vec2 scale(static_cast<double>(grey.cols) / reduced.cols, static_cast<double>(grey.rows) / reduced.rows);
+  const Vec2 scale(static_cast<double>(grey.cols) / reduced.cols,
+                   static_cast<double>(grey.rows) / reduced.rows);
   for (const Marker& found : find_aruco(reduced, "APRILTAG_36h11", 0, 2)) {
     // OpenCV numbers clockwise and has this family turned by half a turn against Kalibr: BR, BL, TL, TR.
     Marker tag{found.id, {found.px[1], found.px[0], found.px[3], found.px[2]}};

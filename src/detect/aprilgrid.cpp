@@ -27,10 +27,11 @@ std::vector<PlacedQuad> place(const AprilGrid& board, const std::vector<Marker>&
   return out;
 }
 
-/// Where a tag's corners should be, from the tags around it and itself, without those few corners that a small black
-/// square has pulled away. nullopt: too few neighbours; then the tag's own corners are all there is.
-std::optional<Mat3> plane_at(const std::vector<PlacedQuad>& quads, const std::vector<int>& tags, const PlacedQuad& tag,
-                             double pitch) {
+/// Where a tag's corners should be, from the tags around it and itself, without those few corners that a
+/// small black square has pulled away. nullopt: too few neighbours; then the tag's own corners are all there
+/// is.
+std::optional<Mat3> plane_at(const std::vector<PlacedQuad>& quads, const std::vector<int>& tags,
+                             const PlacedQuad& tag, double pitch) {
   std::vector<Vec2> from, to;
   for (int i : nearest_quads(quads, tags, tag.board_centre(), 9)) {
     const PlacedQuad& q = quads[static_cast<std::size_t>(i)];
@@ -50,27 +51,32 @@ struct Candidate {
   CornerStart start;
 };
 
-/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. J: d px / d board.
-void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k, const Mat2& J,
-                   const Vec2& start, std::vector<Candidate>& out) {
+/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. J: d px / d
+/// board.
+void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k,
+                   const Mat2& J, const Vec2& start, std::vector<Candidate>& out) {
   const double scale = std::min(J.col(0).norm(), J.col(1).norm()), gap = board.spacing * scale;
-  // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them white.
+  // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them
+  // white.
   const double clean = std::min(0.2, board.spacing);
   const Vec2 u = J.col(0) * (0.5 * clean), v = J.col(1) * (k % 2 == 0 ? 0.5 * clean : -0.5 * clean);
   if (saddle_contrast(grey, start, u, v) > -8) return;
-  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k), tag.board[k],
+  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k),
+                 tag.board[k],
                  {start, half_window(0.9 * clean * scale), std::max(1.5, 0.6 * gap)}});
 }
 
 /// Starts for the four corners of a tag. `H` maps from the tag's centre.
-void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H, std::vector<Candidate>& out) {
+void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, const Mat3& H,
+                    std::vector<Candidate>& out) {
   const Vec2 centre = tag.board_centre();
   for (std::size_t k = 0; k < 4; ++k) {
     const auto predicted = map_point(H, tag.board[k] - centre);
     if (!predicted) continue;
     const Mat2 J = map_jacobian(H, tag.board[k] - centre);
     const double gap = board.spacing * std::min(J.col(0).norm(), J.col(1).norm());
-    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a wide lens.
+    // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a
+    // wide lens.
     const bool agree = (tag.px[k] - *predicted).norm() < 0.5 * gap;
     add_candidate(grey, board, tag, k, J, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted, out);
   }
@@ -88,7 +94,8 @@ std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& c
   const auto refined = refine_corners(grey, starts, noise);
   std::vector<Refined> out;
   for (std::size_t i = 0; i < refined.size(); ++i) {
-    if (refined[i]) out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
+    if (refined[i])
+      out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
   }
   return out;
 }
@@ -98,8 +105,8 @@ struct Prediction {
   Mat2 J;  ///< d px / d board
 };
 
-/// Where `at` should be by the refined corners nearest to it (`skip` is not one): their homography, and a quadratic for
-/// what it leaves, since on a wide lens neighbouring tags differ by pixels from any plane.
+/// Where `at` should be by the refined corners nearest to it (`skip` is not one): their homography, and a
+/// quadratic for what it leaves, since on a wide lens neighbouring tags differ by pixels from any plane.
 std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& at, int skip) {
   std::vector<const Refined*> near;
   for (const Refined& r : all)
@@ -133,9 +140,10 @@ std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& a
   return out;
 }
 
-/// Without the corners that lie elsewhere than their neighbours say. A stray spoils the predictions around it, so only
-/// the worst of a neighbourhood goes in each round. `limit` [px]: what stands out from the median error; 0 is replaced
-/// by that, once, since the median of what is left would sink from round to round and take good corners with it.
+/// Without the corners that lie elsewhere than their neighbours say. A stray spoils the predictions around
+/// it, so only the worst of a neighbourhood goes in each round. `limit` [px]: what stands out from the median
+/// error; 0 is replaced by that, once, since the median of what is left would sink from round to round and
+/// take good corners with it.
 std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit) {
   const auto error_of = [&](const Refined& r) {
     const auto predicted = predict(corners, r.board, r.point);
@@ -172,15 +180,17 @@ std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit)
 }
 
 /// Corners that had a bad start, or none, once more from where their good neighbours say.
-void add_missing(const cv::Mat& grey, const AprilGrid& board, const std::vector<PlacedQuad>& quads, const std::vector<int>& tags,
-                 double noise, std::vector<Refined>& corners) {
+void add_missing(const cv::Mat& grey, const AprilGrid& board, const std::vector<PlacedQuad>& quads,
+                 const std::vector<int>& tags, double noise, std::vector<Refined>& corners) {
   std::vector<Candidate> again;
   for (int i : tags) {
     const PlacedQuad& tag = quads[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < 4; ++k) {
       const int point = (tag.id - board.first_id) * 4 + static_cast<int>(k);
-      if (std::any_of(corners.begin(), corners.end(), [&](const Refined& r) { return r.point == point; })) continue;
-      if (const auto at = predict(corners, tag.board[k], point)) add_candidate(grey, board, tag, k, at->J, at->px, again);
+      if (std::any_of(corners.begin(), corners.end(), [&](const Refined& r) { return r.point == point; }))
+        continue;
+      if (const auto at = predict(corners, tag.board[k], point))
+        add_candidate(grey, board, tag, k, at->J, at->px, again);
     }
   }
   const auto found = refine(grey, again, noise);
@@ -222,9 +232,11 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
   for (const Refined& r : without_strays(std::move(corners), limit)) {
     out.corners.push_back({r.point, r.px, r.sigma});
   }
-  std::sort(out.corners.begin(), out.corners.end(), [](const Corner& a, const Corner& b) { return a.point < b.point; });
+  std::sort(out.corners.begin(), out.corners.end(),
+            [](const Corner& a, const Corner& b) { return a.point < b.point; });
   if (out.corners.size() < 4) {
-    out.reason = fmt::format("{} of {} tags found, but only {} of their corners are clear", n, all, out.corners.size());
+    out.reason = fmt::format("{} of {} tags found, but only {} of their corners are clear", n, all,
+                             out.corners.size());
     out.corners.clear();
     return out;
   }

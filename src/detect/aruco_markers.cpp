@@ -13,31 +13,48 @@ namespace {
 cv::Ptr<cv::aruco::Dictionary> dictionary_of(std::string_view name) {
   using namespace cv::aruco;
   static constexpr std::pair<std::string_view, PREDEFINED_DICTIONARY_NAME> kNames[] = {
-      {"4X4_50", DICT_4X4_50},     {"4X4_100", DICT_4X4_100},   {"4X4_250", DICT_4X4_250},   {"4X4_1000", DICT_4X4_1000},
-      {"5X5_50", DICT_5X5_50},     {"5X5_100", DICT_5X5_100},   {"5X5_250", DICT_5X5_250},   {"5X5_1000", DICT_5X5_1000},
-      {"6X6_50", DICT_6X6_50},     {"6X6_100", DICT_6X6_100},   {"6X6_250", DICT_6X6_250},   {"6X6_1000", DICT_6X6_1000},
-      {"7X7_50", DICT_7X7_50},     {"7X7_100", DICT_7X7_100},   {"7X7_250", DICT_7X7_250},   {"7X7_1000", DICT_7X7_1000},
-      {"ARUCO_ORIGINAL", DICT_ARUCO_ORIGINAL}, {"APRILTAG_16h5", DICT_APRILTAG_16h5}, {"APRILTAG_25h9", DICT_APRILTAG_25h9},
-      {"APRILTAG_36h10", DICT_APRILTAG_36h10}, {"APRILTAG_36h11", DICT_APRILTAG_36h11}};
+      {"4X4_50", DICT_4X4_50},
+      {"4X4_100", DICT_4X4_100},
+      {"4X4_250", DICT_4X4_250},
+      {"4X4_1000", DICT_4X4_1000},
+      {"5X5_50", DICT_5X5_50},
+      {"5X5_100", DICT_5X5_100},
+      {"5X5_250", DICT_5X5_250},
+      {"5X5_1000", DICT_5X5_1000},
+      {"6X6_50", DICT_6X6_50},
+      {"6X6_100", DICT_6X6_100},
+      {"6X6_250", DICT_6X6_250},
+      {"6X6_1000", DICT_6X6_1000},
+      {"7X7_50", DICT_7X7_50},
+      {"7X7_100", DICT_7X7_100},
+      {"7X7_250", DICT_7X7_250},
+      {"7X7_1000", DICT_7X7_1000},
+      {"ARUCO_ORIGINAL", DICT_ARUCO_ORIGINAL},
+      {"APRILTAG_16h5", DICT_APRILTAG_16h5},
+      {"APRILTAG_25h9", DICT_APRILTAG_25h9},
+      {"APRILTAG_36h10", DICT_APRILTAG_36h10},
+      {"APRILTAG_36h11", DICT_APRILTAG_36h11}};
   for (const auto& [text, value] : kNames) {
     if (text == name) return getPredefinedDictionary(value);
   }
   throw_invalid_argument("no ArUco dictionary is called '" + std::string(name) + "'");
 }
 
-/// Thresholding windows [px] of one look; a window should be wider than a marker's border and narrower than the marker.
+/// Thresholding windows [px] of one look; a window should be wider than a marker's border and narrower than
+/// the marker.
 struct Look {
   int window_min, window_max, window_step;
   bool is_negative;
 };
 
-void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary, const Look& how, int border_bits,
-          std::vector<Marker>& markers) {
+void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary, const Look& how,
+          int border_bits, std::vector<Marker>& markers) {
   const auto parameters = cv::aruco::DetectorParameters::create();
   parameters->adaptiveThreshWinSizeMin = how.window_min;
   parameters->adaptiveThreshWinSizeMax = how.window_max;
   parameters->adaptiveThreshWinSizeStep = how.window_step;
-  parameters->minMarkerPerimeterRate = 0.01;  // OpenCV's 0.03 of the width leaves out small boards in wide views
+  parameters->minMarkerPerimeterRate =
+      0.01;  // OpenCV's 0.03 of the width leaves out small boards in wide views
   parameters->markerBorderBits = border_bits;
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;
   std::vector<std::vector<cv::Point2f>> corners;
@@ -52,7 +69,8 @@ void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary,
   std::set<int> known;
   for (const Marker& m : markers) known.insert(m.id);
   for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (known.contains(ids[i])) continue;  // the first look at a marker counts; doubles within one look are kept
+    if (known.contains(ids[i]))
+      continue;  // the first look at a marker counts; doubles within one look are kept
     Marker marker{ids[i], {}};
     for (std::size_t k = 0; k < 4; ++k) marker.px[k] = Vec2(corners[i][k].x, corners[i][k].y);
     markers.push_back(marker);
@@ -61,10 +79,13 @@ void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary,
 
 }  // namespace
 
-std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected, int border_bits) {
+std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected,
+                               int border_bits) {
   const auto markers_of = dictionary_of(dictionary);
   const int widest = std::clamp(std::max(grey.cols, grey.rows) / 20, 33, 153) | 1;
-  const Look looks[] = {{3, 23, 10, false}, {5, widest, std::max(14, widest / 5 * 2), false}, {3, 23, 10, true},
+  const Look looks[] = {{3, 23, 10, false},
+                        {5, widest, std::max(14, widest / 5 * 2), false},
+                        {3, 23, 10, true},
                         {5, widest, std::max(14, widest / 5 * 2), true}};
   std::vector<Marker> markers;
   for (const Look& how : looks) {

@@ -19,7 +19,8 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
       has_tags = true;
     } else {
       return Error{ErrorCode::kUnsupported,
-                   fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco boards and AprilGrids can",
+                   fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco "
+                               "boards and AprilGrids can",
                                target_type(part.board)),
                    target.name};
     }
@@ -50,7 +51,8 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
     offset += n_points;
   }
   out.method = out.corners.empty() ? "" : "markers, cornerSubPix";
-  if (out.corners.empty()) out.reason = fmt::format("none of {} parts found: {}", rig.parts.size(), join(reasons, "; "));
+  if (out.corners.empty())
+    out.reason = fmt::format("none of {} parts found: {}", rig.parts.size(), join(reasons, "; "));
   return out;
 }
 

@@ -43,7 +43,8 @@ Placement place(const Charuco& board, const Layout& layout, const std::vector<Ma
   const auto corners = marker_corners(board, layout);
   for (const Marker& m : markers) {
     const int i = m.id - board.first_id;
-    if (i >= 0 && i < static_cast<int>(corners.size())) out.quads.push_back({m.id, corners[static_cast<std::size_t>(i)], m.px});
+    if (i >= 0 && i < static_cast<int>(corners.size()))
+      out.quads.push_back({m.id, corners[static_cast<std::size_t>(i)], m.px});
   }
   out.consistent = consistent_quads(out.quads);
   return out;
@@ -106,7 +107,8 @@ bool spans_plane(const std::vector<Corner>& corners, int columns) {
 
 }  // namespace
 
-Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board, const std::vector<Marker>& markers) {
+Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
+                               const std::vector<Marker>& markers) {
   Detection out;
   const Placement placed = best_placement(board, markers);
   const std::size_t n = placed.consistent.index.size();
@@ -129,7 +131,8 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board, const 
       const Mat2 J = map_jacobian(*H, Vec2(0, 0));
       const double square = std::min(J.col(0).norm(), J.col(1).norm());
       // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
-      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10) continue;
+      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
+        continue;
       starts.push_back({*px, half_window(clean_reach(*H, margin)), std::max(1.5, 0.12 * square)});
       points.push_back(r * (board.columns - 1) + c);
     }
@@ -139,12 +142,13 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board, const 
     if (refined[i]) out.corners.push_back({points[i], refined[i]->px, refined[i]->sigma_px});
   }
   if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
-    out.reason = fmt::format("{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
-                             out.corners.size(), (board.columns - 1) * (board.rows - 1), n, n_markers(board), kMinCorners);
+    out.reason = fmt::format(
+        "{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
+        out.corners.size(), (board.columns - 1) * (board.rows - 1), n, n_markers(board), kMinCorners);
     out.corners.clear();
     return out;
   }
-  out.method = board.rows % 2 != 0 ? "ArUco, cornerSubPix"
+  out.method = board.rows % 2 != 0                    ? "ArUco, cornerSubPix"
                : placed.layout.marker_in_first_square ? "ArUco (legacy layout), cornerSubPix"
                                                       : "ArUco (current layout), cornerSubPix";
   return out;

@@ -6,7 +6,8 @@
 
 namespace plumbline::detail {
 
-/// The board's corners from the markers of its dictionary that are in the image (other boards' ids are left alone).
+/// The board's corners from the markers of its dictionary that are in the image (other boards' ids are left
+/// alone).
 Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board, const std::vector<Marker>& markers);
 
 /// The tag corners of an AprilGrid from the tags in the image.

@@ -13,7 +13,8 @@
 namespace plumbline::detail {
 namespace {
 
-/// Larger images are searched at this size first: the finder's time grows with the pixels, its reach does not.
+/// Larger images are searched at this size first: the finder's time grows with the pixels, its reach does
+/// not.
 constexpr int kSearchSize = 1400;
 /// Smaller ones are also searched at twice their size: the finder erodes the squares by whole pixels.
 constexpr int kUpscaleBelow = 1500;
@@ -28,7 +29,8 @@ cv::Mat scaled(const cv::Mat& grey, double scale) {
 
 enum class Finder { kClassic, kSectorBased };
 
-/// The lattice as the finder gives it, in pixels of `grey`, searched at `scale`; empty px when it is not found.
+/// The lattice as the finder gives it, in pixels of `grey`, searched at `scale`; empty px when it is not
+/// found.
 LatticePoints find(const cv::Mat& grey, const Chessboard& board, double scale, Finder finder) {
   const cv::Mat image = scale == 1.0 ? grey : scaled(grey, scale);
   const cv::Size size(board.columns, board.rows);
@@ -36,7 +38,8 @@ LatticePoints find(const cv::Mat& grey, const Chessboard& board, double scale, F
   bool found = false;
   try {
     if (finder == Finder::kClassic) {
-      found = cv::findChessboardCorners(image, size, corners, cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE);
+      found = cv::findChessboardCorners(image, size, corners,
+                                        cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE);
     } else {
       // Without NORMALIZE_IMAGE: on six dark photographs of screens it finds six boards instead of two.
       found = cv::findChessboardCornersSB(image, size, corners, 0);
@@ -46,7 +49,8 @@ LatticePoints find(const cv::Mat& grey, const Chessboard& board, double scale, F
   }
   LatticePoints out{board.columns, board.rows, {}};
   if (!found || corners.size() != static_cast<std::size_t>(board.columns * board.rows)) return out;
-  const double sx = static_cast<double>(grey.cols) / image.cols, sy = static_cast<double>(grey.rows) / image.rows;
+  const double sx = static_cast<double>(grey.cols) / image.cols,
+               sy = static_cast<double>(grey.rows) / image.rows;
   for (const cv::Point2f& p : corners) out.px.emplace_back((p.x + 0.5) * sx - 0.5, (p.y + 0.5) * sy - 0.5);
   return out;
 }
@@ -57,7 +61,8 @@ double even_minus_odd(const cv::Mat& grey, const LatticePoints& p) {
   int n[2] = {0, 0};
   for (int r = 0; r + 1 < p.rows; ++r) {
     for (int c = 0; c + 1 < p.columns; ++c) {
-      sum[(c + r) % 2] += sample(grey, (p.at(c, r) + p.at(c + 1, r) + p.at(c, r + 1) + p.at(c + 1, r + 1)) / 4);
+      sum[(c + r) % 2] +=
+          sample(grey, (p.at(c, r) + p.at(c + 1, r) + p.at(c, r + 1) + p.at(c + 1, r + 1)) / 4);
       ++n[(c + r) % 2];
     }
   }
@@ -65,11 +70,13 @@ double even_minus_odd(const cv::Mat& grey, const LatticePoints& p) {
   return sum[0] / n[0] - sum[1] / n[1];
 }
 
-/// Board's own numbering: the square diagonal to point 0 is black where the colours can tell, see docs/detect.md.
+/// Board's own numbering: the square diagonal to point 0 is black where the colours can tell, see
+/// docs/detect.md.
 std::optional<LatticePoints> number(const cv::Mat& grey, const LatticePoints& found) {
   const auto black_first = [&](const LatticePoints& p) { return even_minus_odd(grey, p) < 0; };
   if (auto oriented = orient(found, black_first)) return oriented;
-  // A board whose every numbering begins at a white square (both counts even, or colours exchanged on a screen).
+  // A board whose every numbering begins at a white square (both counts even, or colours exchanged on a
+  // screen).
   return orient(found, [](const LatticePoints&) { return true; });
 }
 
@@ -79,7 +86,8 @@ std::vector<CornerStart> starts_of(const LatticePoints& points, double search_sc
     for (int c = 0; c < points.columns; ++c) {
       const double reach = kWindowFraction * neighbour_distance(points, c, r);
       // A corner found at reduced size may be off by a pixel of that size.
-      starts.push_back({points.at(c, r), half_window(reach), std::max({2.0, 0.75 * reach, 1.5 / search_scale})});
+      starts.push_back(
+          {points.at(c, r), half_window(reach), std::max({2.0, 0.75 * reach, 1.5 / search_scale})});
     }
   }
   return starts;
@@ -91,13 +99,15 @@ struct Refined {
 };
 
 /// All corners refined, or what is wrong with them.
-std::variant<Refined, std::string> refine(const cv::Mat& grey, const LatticePoints& found, double search_scale) {
+std::variant<Refined, std::string> refine(const cv::Mat& grey, const LatticePoints& found,
+                                          double search_scale) {
   if (const auto broken = broken_lattice(found)) return *broken;
   const double noise = noise_level(grey, bounding_box(found.px, grey));
   Refined out{found, {}};
   const auto refined = refine_corners(grey, starts_of(found, search_scale), noise);
   for (std::size_t i = 0; i < refined.size(); ++i) {
-    // At the image's border no window fits: the finder's own refinement (5x5 pixels) stays, with an error to match.
+    // At the image's border no window fits: the finder's own refinement (5x5 pixels) stays, with an error to
+    // match.
     if (refined[i]) out.points.px[i] = refined[i]->px;
     out.sigma.push_back(refined[i] ? refined[i]->sigma_px : 0.5 / std::min(1.0, search_scale));
   }
@@ -129,9 +139,11 @@ std::vector<Attempt> attempts(const cv::Mat& grey) {
 
 Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
   Detection out;
-  out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows, grey.cols, grey.rows);
+  out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows, grey.cols,
+                           grey.rows);
   if (board.columns < 3 || board.rows < 3) {
-    out.reason = fmt::format("a chessboard needs at least 3x3 inner corners to be found, this one has {}x{}", board.columns, board.rows);
+    out.reason = fmt::format("a chessboard needs at least 3x3 inner corners to be found, this one has {}x{}",
+                             board.columns, board.rows);
     return out;
   }
   for (const Attempt& attempt : attempts(grey)) {
@@ -139,7 +151,8 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
     if (found.px.empty()) continue;
     const auto refined = refine(grey, found, attempt.scale);
     if (const auto* why = std::get_if<std::string>(&refined)) {
-      out.reason = fmt::format("what looked like a {}x{} chessboard is none: {}", board.columns, board.rows, *why);
+      out.reason =
+          fmt::format("what looked like a {}x{} chessboard is none: {}", board.columns, board.rows, *why);
       continue;
     }
     const Refined& good = std::get<Refined>(refined);
@@ -147,8 +160,10 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
     if (!numbered) continue;
     // The numbering is a permutation of the refined points: carry each point's sigma along.
     for (std::size_t i = 0; i < numbered->px.size(); ++i) {
-      const auto from = std::find(good.points.px.begin(), good.points.px.end(), numbered->px[i]) - good.points.px.begin();
-      out.corners.push_back({static_cast<int>(i), numbered->px[i], good.sigma[static_cast<std::size_t>(from)]});
+      const auto from =
+          std::find(good.points.px.begin(), good.points.px.end(), numbered->px[i]) - good.points.px.begin();
+      out.corners.push_back(
+          {static_cast<int>(i), numbered->px[i], good.sigma[static_cast<std::size_t>(from)]});
     }
     out.method = attempt.finder == Finder::kClassic ? "cornerSubPix" : kFoundBySb;
     out.reason.clear();

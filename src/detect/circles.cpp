@@ -17,8 +17,8 @@ namespace plumbline::detail {
 namespace {
 
 /// The centroid of n = pi r^2 pixels of noise s / contrast has the error s / contrast sqrt(n r^2 / 4) / n =
-/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on rendered boards
-/// (docs/detect.md).
+/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on
+/// rendered boards (docs/detect.md).
 constexpr double kNoiseGain = 0.56, kSystematic = 0.015;
 
 /// Grey-level moments of a dark disc.
@@ -40,7 +40,8 @@ cv::Ptr<cv::SimpleBlobDetector> blob_detector(const cv::Mat& image, int n_circle
   p.maxThreshold = 240;
   p.thresholdStep = 10;
   p.minArea = 12;
-  p.maxArea = pixels / static_cast<float>(n_circles);  // the circles of a board that fills the image cover a third of it
+  p.maxArea = pixels / static_cast<float>(
+                           n_circles);  // the circles of a board that fills the image cover a third of it
   p.minDistBetweenBlobs = std::max(3.0F, std::sqrt(pixels) / 200);
   p.minCircularity = 0.5F;
   p.filterByCircularity = true;
@@ -49,17 +50,21 @@ cv::Ptr<cv::SimpleBlobDetector> blob_detector(const cv::Mat& image, int n_circle
   return cv::SimpleBlobDetector::create(p);
 }
 
-/// Blobs found beforehand. findCirclesGrid's search grows without bound on the thousands of blobs of a noisy picture, so
-/// it is given no more than three for each circle: the largest, since what is not a circle is mostly small.
+/// Blobs found beforehand. findCirclesGrid's search grows without bound on the thousands of blobs of a noisy
+/// picture, so it is given no more than three for each circle: the largest, since what is not a circle is
+/// mostly small.
 class GivenBlobs : public cv::Feature2D {
  public:
   GivenBlobs(const cv::Mat& image, int n_circles) {
     blob_detector(image, n_circles)->detect(image, blobs_);
-    std::stable_sort(blobs_.begin(), blobs_.end(), [](const auto& a, const auto& b) { return a.size > b.size; });
+    std::stable_sort(blobs_.begin(), blobs_.end(),
+                     [](const auto& a, const auto& b) { return a.size > b.size; });
     blobs_.resize(std::min(blobs_.size(), static_cast<std::size_t>(3 * n_circles)));
   }
   std::size_t size() const { return blobs_.size(); }
-  void detect(cv::InputArray, std::vector<cv::KeyPoint>& keypoints, cv::InputArray) override { keypoints = blobs_; }
+  void detect(cv::InputArray, std::vector<cv::KeyPoint>& keypoints, cv::InputArray) override {
+    keypoints = blobs_;
+  }
 
  private:
   std::vector<cv::KeyPoint> blobs_;
@@ -67,7 +72,8 @@ class GivenBlobs : public cv::Feature2D {
 
 LatticePoints find(const cv::Mat& grey, const Circles& board, double scale, int flags) {
   cv::Mat image = grey;
-  if (scale != 1.0) cv::resize(grey, image, cv::Size(), scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
+  if (scale != 1.0)
+    cv::resize(grey, image, cv::Size(), scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
   std::vector<cv::Point2f> centres;
   bool found = false;
   try {
@@ -81,7 +87,8 @@ LatticePoints find(const cv::Mat& grey, const Circles& board, double scale, int 
   }
   LatticePoints out{board.columns, board.rows, {}};
   if (!found || centres.size() != static_cast<std::size_t>(board.columns * board.rows)) return out;
-  const double sx = static_cast<double>(grey.cols) / image.cols, sy = static_cast<double>(grey.rows) / image.rows;
+  const double sx = static_cast<double>(grey.cols) / image.cols,
+               sy = static_cast<double>(grey.rows) / image.rows;
   for (const cv::Point2f& p : centres) out.px.emplace_back((p.x + 0.5) * sx - 0.5, (p.y + 0.5) * sy - 0.5);
   return out;
 }
@@ -107,16 +114,19 @@ double misfit(const Circles& board, const std::vector<Vec2>& px) {
     if (!H) return 1e9;
     const auto predicted = map_point(*H, Vec2(0, 0));
     if (!predicted) return 1e9;
-    worst = std::max(worst, (*predicted - px[i]).norm() / std::sqrt(std::abs(map_jacobian(*H, Vec2(0, 0)).determinant())));
+    worst = std::max(
+        worst, (*predicted - px[i]).norm() / std::sqrt(std::abs(map_jacobian(*H, Vec2(0, 0)).determinant())));
   }
   return worst;
 }
 
-/// The disc about `start`: area-weighted mean of the ink, where each pixel counts by how dark it is between the local
-/// paper and ink. A blurred edge keeps its first moment, so blur and sampling do not move the centre.
+/// The disc about `start`: area-weighted mean of the ink, where each pixel counts by how dark it is between
+/// the local paper and ink. A blurred edge keeps its first moment, so blur and sampling do not move the
+/// centre.
 std::optional<Disc> measure(const cv::Mat& grey, const Vec2& start, double radius) {
   const int n = static_cast<int>(std::ceil(radius)) + 1;
-  if (start.x() < n || start.y() < n || start.x() > grey.cols - 1 - n || start.y() > grey.rows - 1 - n) return std::nullopt;
+  if (start.x() < n || start.y() < n || start.x() > grey.cols - 1 - n || start.y() > grey.rows - 1 - n)
+    return std::nullopt;
   const int x0 = static_cast<int>(std::lround(start.x())), y0 = static_cast<int>(std::lround(start.y()));
   std::vector<int> inner, outer;
   for (int y = y0 - n; y <= y0 + n; ++y) {
@@ -149,9 +159,10 @@ std::optional<Disc> measure(const cv::Mat& grey, const Vec2& start, double radiu
   return disc;
 }
 
-/// Where the centre of a circle of `area` px^2 at the plane's origin is, relative to the centroid of its image: a
-/// perspective view maps the circle to an ellipse about another point (Heikkila 2000, section 2.2). Third order in the
-/// radius, from four points of the circle's rim... solved exactly through the dual conic H diag(r^2, r^2, -1) H'.
+/// Where the centre of a circle of `area` px^2 at the plane's origin is, relative to the centroid of its
+/// image: a perspective view maps the circle to an ellipse about another point (Heikkila 2000, section 2.2).
+/// Third order in the radius, from four points of the circle's rim... solved exactly through the dual conic H
+/// diag(r^2, r^2, -1) H'.
 Vec2 perspective_shift(const Mat3& H, double area) {
   const double r2 = area / (std::numbers::pi * std::abs(map_jacobian(H, Vec2(0, 0)).determinant()));
   const Mat3 dual = H * Vec3(r2, r2, -1).asDiagonal() * H.transpose();
@@ -167,7 +178,8 @@ std::optional<LatticePoints> number(const Circles& board, const LatticePoints& f
 
 Detection detect_circles(const cv::Mat& grey, const Circles& board) {
   Detection out;
-  const std::string name = fmt::format("{}x{} {} grid of circles", board.columns, board.rows, board.asymmetric ? "asymmetric" : "symmetric");
+  const std::string name = fmt::format("{}x{} {} grid of circles", board.columns, board.rows,
+                                       board.asymmetric ? "asymmetric" : "symmetric");
   out.reason = fmt::format("no {} found in {}x{} pixels", name, grey.cols, grey.rows);
   const double longest = std::max(grey.cols, grey.rows);
   std::vector<double> scales = {1.0};
@@ -179,7 +191,8 @@ Detection detect_circles(const cv::Mat& grey, const Circles& board) {
       if (found.px.empty()) continue;
       const auto numbered = number(board, found);
       if (!numbered) {
-        out.reason = fmt::format("what looked like a {} is none: neighbouring circles do not fit the grid", name);
+        out.reason =
+            fmt::format("what looked like a {} is none: neighbouring circles do not fit the grid", name);
         continue;
       }
       std::vector<Vec2> centres = numbered->px;
@@ -200,7 +213,8 @@ Detection detect_circles(const cv::Mat& grey, const Circles& board) {
         const Vec2 shift = H ? perspective_shift(*H, area[i]) : Vec2::Zero();
         out.corners.push_back({static_cast<int>(i), centres[i] + shift, sigma[i]});
       }
-      out.method = flags == 0 ? "findCirclesGrid, grey moments" : "findCirclesGrid (clustering), grey moments";
+      out.method =
+          flags == 0 ? "findCirclesGrid, grey moments" : "findCirclesGrid (clustering), grey moments";
       out.reason.clear();
       return out;
     }

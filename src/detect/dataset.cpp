@@ -24,8 +24,8 @@ struct Job {
   std::optional<Result<Detection>> found;
 };
 
-/// OpenCV's own threads inside ours would only fight for the cores. Its setting is for the whole process, so it is put
-/// back; it changes no result.
+/// OpenCV's own threads inside ours would only fight for the cores. Its setting is for the whole process, so
+/// it is put back; it changes no result.
 class OpenCvSingleThreaded {
  public:
   OpenCvSingleThreaded() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
@@ -37,7 +37,8 @@ class OpenCvSingleThreaded {
   int before_;
 };
 
-Result<Detection> run(const std::filesystem::path& file, const std::string& name, const Target& target, ImageSize& size) {
+Result<Detection> run(const std::filesystem::path& file, const std::string& name, const Target& target,
+                      ImageSize& size) {
   const auto grey = read_image_grey(file);
   if (!grey) return Error{grey.error().code, grey.error().message, name};
   size = {grey->cols, grey->rows};
@@ -53,9 +54,10 @@ Status check_sizes(const std::vector<CameraImages>& cameras, const std::vector<J
     if (is_new || at->second->size == job.size) continue;
     const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
     return Error{ErrorCode::kInvalidData,
-                 fmt::format("{}x{} pixels, but {} of the same camera has {}x{}: one camera has one size; leave one of them out",
-                             job.size.width, job.size.height, camera.names[at->second->image], at->second->size.width,
-                             at->second->size.height),
+                 fmt::format("{}x{} pixels, but {} of the same camera has {}x{}: one camera has one size; "
+                             "leave one of them out",
+                             job.size.width, job.size.height, camera.names[at->second->image],
+                             at->second->size.width, at->second->size.height),
                  camera.names[job.image]};
   }
   return {};
@@ -66,24 +68,31 @@ std::string commonest_reason(const std::vector<Job>& jobs, int cam) {
   std::map<std::string, int> count;
   for (const Job& job : jobs)
     if (job.cam == cam) ++count[job.found->value().reason];
-  return std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) { return a.second < b.second; })->first;
+  return std::max_element(count.begin(), count.end(),
+                          [](const auto& a, const auto& b) { return a.second < b.second; })
+      ->first;
 }
 
-Status check_found(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+Status check_found(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
+                   const Target& target) {
   for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
-    const auto is_here = [&](const Job& job) { return job.cam == static_cast<int>(cam) && !job.found->value().corners.empty(); };
+    const auto is_here = [&](const Job& job) {
+      return job.cam == static_cast<int>(cam) && !job.found->value().corners.empty();
+    };
     if (std::any_of(jobs.begin(), jobs.end(), is_here)) continue;
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("{} is in none of the {} images ({}). Check the target's kind and counts", target.name,
-                             cameras[cam].files.size(), commonest_reason(jobs, static_cast<int>(cam))),
-                 cameras[cam].camera};
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("{} is in none of the {} images ({}). Check the target's kind and counts", target.name,
+                    cameras[cam].files.size(), commonest_reason(jobs, static_cast<int>(cam))),
+        cameras[cam].camera};
   }
   return {};
 }
 
-/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners come from, camera by camera where
-/// they differ.
-std::string remark(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners come from, camera by
+/// camera where they differ.
+std::string remark(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
+                   const Target& target) {
   std::map<std::string, std::map<int, int>> by_method;  // method -> camera -> images
   std::map<int, int> found;
   for (const Job& job : jobs) {
@@ -98,7 +107,8 @@ std::string remark(const std::vector<CameraImages>& cameras, const std::vector<J
   for (const auto& [method, counts] : by_method) {
     std::vector<std::string> where;
     for (const auto& [cam, n] : counts) {
-      where.push_back(fmt::format("{} {} of {}", cameras[static_cast<std::size_t>(cam)].camera, n, found[cam]));
+      where.push_back(
+          fmt::format("{} {} of {}", cameras[static_cast<std::size_t>(cam)].camera, n, found[cam]));
     }
     parts.push_back(fmt::format("{} ({})", method, join(where, ", ")));
   }
@@ -113,7 +123,8 @@ std::vector<std::string> frame_keys(const std::vector<CameraImages>& cameras) {
   return out;
 }
 
-Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs, const Target& target) {
+Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
+                 const Target& target) {
   Dataset data;
   data.target = target;
   data.frames = frame_keys(cameras);
@@ -125,7 +136,8 @@ Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job
     const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
     const Detection& found = job.found->value();
     data.cameras[static_cast<std::size_t>(job.cam)].size = job.size;
-    data.views.push_back({job.cam, frame_index[camera.frames[job.image]], camera.names[job.image], found.corners, found.reason});
+    data.views.push_back({job.cam, frame_index[camera.frames[job.image]], camera.names[job.image],
+                          found.corners, found.reason});
   }
   std::stable_sort(data.views.begin(), data.views.end(), [](const View& a, const View& b) {
     return a.cam != b.cam ? a.cam < b.cam : natural_less(a.image, b.image);
@@ -135,13 +147,16 @@ Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job
 
 }  // namespace
 
-Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target, const DetectOptions& options) {
+Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target,
+                               const DetectOptions& options) {
   std::vector<Job> jobs;
   for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
     const CameraImages& c = cameras[cam];
-    PLUMBLINE_CHECK(c.files.size() == c.names.size() && c.files.size() == c.frames.size(), "a name and a frame for each file");
+    PLUMBLINE_CHECK(c.files.size() == c.names.size() && c.files.size() == c.frames.size(),
+                    "a name and a frame for each file");
     PLUMBLINE_CHECK(!c.files.empty(), "a camera needs images");
-    for (std::size_t i = 0; i < c.files.size(); ++i) jobs.push_back({static_cast<int>(cam), i, {}, std::nullopt});
+    for (std::size_t i = 0; i < c.files.size(); ++i)
+      jobs.push_back({static_cast<int>(cam), i, {}, std::nullopt});
   }
   PLUMBLINE_CHECK(!jobs.empty(), "at least one camera is needed");
   const int n = static_cast<int>(jobs.size());

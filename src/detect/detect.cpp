@@ -20,7 +20,8 @@ Result<Detection> find(const cv::Mat& grey, const Target& target) {
     if constexpr (std::is_same_v<Spec, AprilGrid>) return detail::detect_aprilgrid(grey, spec);
     if constexpr (std::is_same_v<Spec, BoardRig>) return detail::detect_rig(grey, spec, target);
     return Error{ErrorCode::kUnsupported,
-                 "free points cannot be found in images; give their observations as a corners file", target.name};
+                 "free points cannot be found in images; give their observations as a corners file",
+                 target.name};
   };
   return std::visit(visit, target.spec);
 }

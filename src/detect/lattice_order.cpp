@@ -41,7 +41,8 @@ bool is_midway(const Vec2& a, const Vec2& b, const Vec2& c) {
 
 }  // namespace
 
-std::optional<LatticePoints> orient(const LatticePoints& points, const std::function<bool(const LatticePoints&)>& allows) {
+std::optional<LatticePoints> orient(const LatticePoints& points,
+                                    const std::function<bool(const LatticePoints&)>& allows) {
   std::optional<LatticePoints> best;
   double best_place = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 8; ++k) {
@@ -62,8 +63,12 @@ std::optional<std::string> broken_lattice(const LatticePoints& points) {
   const double hand = handedness(points);
   for (int r = 0; r < points.rows; ++r) {
     for (int c = 0; c < points.columns; ++c) {
-      if (c > 0 && c + 1 < points.columns && !is_midway(points.at(c - 1, r), points.at(c, r), points.at(c + 1, r))) ++off;
-      if (r > 0 && r + 1 < points.rows && !is_midway(points.at(c, r - 1), points.at(c, r), points.at(c, r + 1))) ++off;
+      if (c > 0 && c + 1 < points.columns &&
+          !is_midway(points.at(c - 1, r), points.at(c, r), points.at(c + 1, r)))
+        ++off;
+      if (r > 0 && r + 1 < points.rows &&
+          !is_midway(points.at(c, r - 1), points.at(c, r), points.at(c, r + 1)))
+        ++off;
       if (c + 1 < points.columns && r + 1 < points.rows &&
           cross(points.at(c + 1, r) - points.at(c, r), points.at(c, r + 1) - points.at(c, r)) * hand <= 0) {
         ++turned;
@@ -76,7 +81,8 @@ std::optional<std::string> broken_lattice(const LatticePoints& points) {
 
 double neighbour_distance(const LatticePoints& points, int c, int r) {
   double nearest = std::numeric_limits<double>::infinity();
-  for (const auto& [dc, dr] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}) {
+  for (const auto& [dc, dr] :
+       {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}) {
     if (c + dc < 0 || c + dc >= points.columns || r + dr < 0 || r + dr >= points.rows) continue;
     nearest = std::min(nearest, (points.at(c + dc, r + dr) - points.at(c, r)).norm());
   }

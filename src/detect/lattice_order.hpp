@@ -15,12 +15,15 @@ struct LatticePoints {
   const Vec2& at(int c, int r) const { return px[static_cast<std::size_t>(r * columns + c)]; }
 };
 
-/// The same points numbered so that x goes right and y goes down on the board (not mirrored) and, of the numberings
-/// that `allows` accepts, the one whose first point lies nearest to the top left of the image. nullopt when none is.
-std::optional<LatticePoints> orient(const LatticePoints& points, const std::function<bool(const LatticePoints&)>& allows);
+/// The same points numbered so that x goes right and y goes down on the board (not mirrored) and, of the
+/// numberings that `allows` accepts, the one whose first point lies nearest to the top left of the image.
+/// nullopt when none is.
+std::optional<LatticePoints> orient(const LatticePoints& points,
+                                    const std::function<bool(const LatticePoints&)>& allows);
 
-/// nullopt when every point lies about midway between its neighbours in its row and column, and all cells have one
-/// orientation: true for any lens and tilt of use; else what is wrong. Finders sometimes return a broken grid.
+/// nullopt when every point lies about midway between its neighbours in its row and column, and all cells
+/// have one orientation: true for any lens and tilt of use; else what is wrong. Finders sometimes return a
+/// broken grid.
 std::optional<std::string> broken_lattice(const LatticePoints& points);
 
 /// Distance to the nearest neighbour in the lattice [px].

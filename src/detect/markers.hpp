@@ -16,14 +16,16 @@ struct Marker {
   std::array<Vec2, 4> px;  ///< order as the function that made it says
 };
 
-/// ArUco markers of OpenCV's dictionary ("4X4_50"), clockwise from the marker's own top left. `expected` is how many the
-/// boards have: when fewer than half of them are found, smaller and larger thresholding windows are tried, then the negative of the
-/// image (boards printed white on black). Unrefined corners, good to about a pixel.
-/// `border_bits`: width of the black border in modules.
-std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected, int border_bits = 1);
+/// ArUco markers of OpenCV's dictionary ("4X4_50"), clockwise from the marker's own top left. `expected` is
+/// how many the boards have: when fewer than half of them are found, smaller and larger thresholding windows
+/// are tried, then the negative of the image (boards printed white on black). Unrefined corners, good to
+/// about a pixel. `border_bits`: width of the black border in modules.
+std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected,
+                               int border_bits = 1);
 
-/// Tags of family 36h11 with a border two modules wide (Kalibr's boards), in Kalibr's order: bottom left, bottom right,
-/// top right, top left. One id may come several times: five ways of looking are united (docs/detect.md).
+/// Tags of family 36h11 with a border two modules wide (Kalibr's boards), in Kalibr's order: bottom left,
+/// bottom right, top right, top left. One id may come several times: five ways of looking are united
+/// (docs/detect.md).
 std::vector<Marker> find_april_tags(const cv::Mat& grey);
 
 }  // namespace plumbline::detail

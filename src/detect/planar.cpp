@@ -75,7 +75,8 @@ double side_px(const std::array<Vec2, 4>& px) {
   return sum / 4;
 }
 
-std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among, const Vec2& p_board, int n) {
+std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among,
+                               const Vec2& p_board, int n) {
   std::vector<int> order(among.begin(), among.end());
   const auto distance = [&](int i) { return (quads[i].board_centre() - p_board).squaredNorm(); };
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return distance(a) < distance(b); });
@@ -119,9 +120,9 @@ ConsistentQuads consistent_quads(std::span<const PlacedQuad> quads) {
   }
   ConsistentQuads result;
   int partners = 0;
-  const auto largest = std::max_element(components.begin(), components.end(), [](const auto& a, const auto& b) {
-    return a.second.size() < b.second.size();
-  });
+  const auto largest =
+      std::max_element(components.begin(), components.end(),
+                       [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
   if (largest == components.end()) return result;
   for (const auto& [id, i] : largest->second) {
     result.index.push_back(i);

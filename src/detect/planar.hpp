@@ -7,12 +7,13 @@
 
 #include "plumbline/core/types.hpp"
 
-/// Plane-to-image maps over a small part of a board. No lens is known yet, and over the whole board a wide lens is no
-/// homography; over a few squares it is one to a fraction of a pixel.
+/// Plane-to-image maps over a small part of a board. No lens is known yet, and over the whole board a wide
+/// lens is no homography; over a few squares it is one to a fraction of a pixel.
 namespace plumbline::detail {
 
-/// The homography from board to image through n >= 4 pairs, scaled so that w > 0 at the first board point. nullopt when
-/// the points do not determine it. `tolerance_px` > 0: RANSAC with this inlier distance (same result every time).
+/// The homography from board to image through n >= 4 pairs, scaled so that w > 0 at the first board point.
+/// nullopt when the points do not determine it. `tolerance_px` > 0: RANSAC with this inlier distance (same
+/// result every time).
 std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px, double tolerance_px = 0);
 
 /// H [p; 1] as a pixel; nullopt beyond the plane's horizon.
@@ -28,9 +29,9 @@ struct PlacedQuad {
   Vec2 board_centre() const { return (board[0] + board[1] + board[2] + board[3]) / 4; }
 };
 
-/// Of markers that may be misread, misplaced or seen twice: the largest set in which each agrees with a neighbour that
-/// the same board passes through both (each predicts the other's corners to a third of its size). Indices
-/// ascending; one per id. A single marker agrees with itself.
+/// Of markers that may be misread, misplaced or seen twice: the largest set in which each agrees with a
+/// neighbour that the same board passes through both (each predicts the other's corners to a third of its
+/// size). Indices ascending; one per id. A single marker agrees with itself.
 struct ConsistentQuads {
   std::vector<int> index;
   double mean_error = 0;  ///< of the predictions, as a fraction of the marker's size
@@ -38,7 +39,8 @@ struct ConsistentQuads {
 ConsistentQuads consistent_quads(std::span<const PlacedQuad> quads);
 
 /// The n quads (of those listed) nearest to `p_board`, nearest first; ties by index.
-std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among, const Vec2& p_board, int n);
+std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among,
+                               const Vec2& p_board, int n);
 
 /// Perimeter over 4 [px].
 double side_px(const std::array<Vec2, 4>& px);

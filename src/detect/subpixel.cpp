@@ -9,19 +9,21 @@
 namespace plumbline::detail {
 namespace {
 
-/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8 px the mean error
-/// on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's neighbours leak in.
+/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8
+/// px the mean error on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's
+/// neighbours leak in.
 constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
 
-/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula leaves out (the
-/// smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall with the root of the window.
-/// Set on rendered boards, where the errors are known: docs/detect.md has the table.
+/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula
+/// leaves out (the smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall
+/// with the root of the window. Set on rendered boards, where the errors are known: docs/detect.md has the
+/// table.
 constexpr double kSystematic = 0.045, kNoiseGain = 2.05;
 
-/// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after Foerstner
-/// and Guelch 1987). With noise of deviation s in every pixel, the gradient g by central differences has noise
-/// s / sqrt 2 in each part; along an edge g0' (q - p) vanishes, so what is left is w g0 dg' (q - p), and
-/// cov = M^-1 (sum w^2 g0 g0' |q - p|^2 s^2 / 2) M^-1 with M = sum w g0 g0'.
+/// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after
+/// Foerstner and Guelch 1987). With noise of deviation s in every pixel, the gradient g by central
+/// differences has noise s / sqrt 2 in each part; along an edge g0' (q - p) vanishes, so what is left is w g0
+/// dg' (q - p), and cov = M^-1 (sum w^2 g0 g0' |q - p|^2 s^2 / 2) M^-1 with M = sum w g0 g0'.
 std::optional<double> standard_error(const cv::Mat& grey, const Vec2& q, int half, double noise) {
   Mat2 M = Mat2::Zero(), N = Mat2::Zero();
   for (int dy = -half; dy <= half; ++dy) {
@@ -46,7 +48,8 @@ std::optional<double> standard_error(const cv::Mat& grey, const Vec2& q, int hal
 
 bool fits(const cv::Mat& grey, const Vec2& p, int half) {
   const double margin = half + 1;
-  return p.x() >= margin && p.y() >= margin && p.x() <= grey.cols - 1 - margin && p.y() <= grey.rows - 1 - margin;
+  return p.x() >= margin && p.y() >= margin && p.x() <= grey.cols - 1 - margin &&
+         p.y() <= grey.rows - 1 - margin;
 }
 
 }  // namespace
@@ -76,8 +79,8 @@ cv::Rect bounding_box(std::span<const Vec2> px, const cv::Mat& grey) {
   const Vec2 margin = (high - low) / 10 + Vec2(4, 4);
   low -= margin;
   high += margin;
-  const cv::Rect box(static_cast<int>(low.x()), static_cast<int>(low.y()), static_cast<int>(high.x() - low.x()),
-                     static_cast<int>(high.y() - low.y()));
+  const cv::Rect box(static_cast<int>(low.x()), static_cast<int>(low.y()),
+                     static_cast<int>(high.x() - low.x()), static_cast<int>(high.y() - low.y()));
   return box & cv::Rect(0, 0, grey.cols, grey.rows);
 }
 
@@ -90,20 +93,25 @@ double noise_level(const cv::Mat& grey, cv::Rect roi) {
   for (int y = roi.y; y < roi.y + roi.height; y += step) {
     const unsigned char *a = grey.ptr(y - 1), *b = grey.ptr(y), *c = grey.ptr(y + 1);
     for (int x = roi.x; x < roi.x + roi.width; x += step) {
-      const int v = a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1] + 4 * b[x] - 2 * (a[x] + c[x] + b[x - 1] + b[x + 1]);
+      const int v =
+          a[x - 1] + a[x + 1] + c[x - 1] + c[x + 1] + 4 * b[x] - 2 * (a[x] + c[x] + b[x - 1] + b[x + 1]);
       ++histogram[static_cast<std::size_t>(std::abs(v))];
       ++n;
     }
   }
   long below = 0;
   int median = 0;
-  while (median < static_cast<int>(histogram.size()) - 1 && 2 * (below + histogram[median]) < n) below += histogram[median++];
+  while (median < static_cast<int>(histogram.size()) - 1 && 2 * (below + histogram[median]) < n)
+    below += histogram[median++];
   // Within the median's bin by linear interpolation; the mask's gain is 6, the median of |N(0,1)| is 0.6745.
-  const double inside = n > 0 && histogram[median] > 0 ? (0.5 * static_cast<double>(n) - static_cast<double>(below)) / histogram[median] : 0;
+  const double inside = n > 0 && histogram[median] > 0
+                            ? (0.5 * static_cast<double>(n) - static_cast<double>(below)) / histogram[median]
+                            : 0;
   return std::max(0.29, (std::max(0.0, median - 0.5) + inside) / (6 * 0.6745));
 }
 
-std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey, std::span<const CornerStart> starts, double noise) {
+std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
+                                                         std::span<const CornerStart> starts, double noise) {
   std::vector<std::optional<RefinedCorner>> out(starts.size());
   std::map<int, std::vector<std::size_t>> by_window;
   for (std::size_t i = 0; i < starts.size(); ++i) {
@@ -112,7 +120,8 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey, st
   const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 40, 1e-3);
   for (const auto& [half, members] : by_window) {
     std::vector<cv::Point2f> points;
-    for (std::size_t i : members) points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
+    for (std::size_t i : members)
+      points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
     const double blur = std::min(kBlurOfWindow * half, kMaxBlur);
     cv::Mat smooth;
     cv::GaussianBlur(grey, smooth, cv::Size(), blur);
@@ -120,8 +129,8 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey, st
     for (std::size_t k = 0; k < members.size(); ++k) {
       const CornerStart& start = starts[members[k]];
       const Vec2 q(points[k].x, points[k].y);
-      // cornerSubPix puts a corner that left its window back to where it started: it has not moved at all then, but
-      // a start that is exact to the last bit does not occur with photographs or matters as little.
+      // cornerSubPix puts a corner that left its window back to where it started: it has not moved at all
+      // then, but a start that is exact to the last bit does not occur with photographs or matters as little.
       if (!q.allFinite() || (q - start.px).norm() > start.max_move_px || !fits(grey, q, half)) continue;
       if (const auto sigma = standard_error(grey, q, half, noise)) out[members[k]] = RefinedCorner{q, *sigma};
     }
@@ -130,7 +139,9 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey, st
 }
 
 double saddle_contrast(const cv::Mat& grey, const Vec2& p, const Vec2& u, const Vec2& v) {
-  return (sample(grey, p + u + v) + sample(grey, p - u - v) - sample(grey, p + u - v) - sample(grey, p - u + v)) / 2;
+  return (sample(grey, p + u + v) + sample(grey, p - u - v) - sample(grey, p + u - v) -
+          sample(grey, p - u + v)) /
+         2;
 }
 
 }  // namespace plumbline::detail

@@ -26,21 +26,21 @@ inline constexpr int kMinHalfWindow = 2, kMaxHalfWindow = 8;
 /// The window for a corner whose surroundings are clean up to `reach_px`.
 int half_window(double reach_px);
 
-/// Standard deviation of the image's noise in grey levels, at least that of rounding to integers (0.29): median of the
-/// absolute second differences (the mask of Immerkaer 1996) inside `roi`.
+/// Standard deviation of the image's noise in grey levels, at least that of rounding to integers (0.29):
+/// median of the absolute second differences (the mask of Immerkaer 1996) inside `roi`.
 double noise_level(const cv::Mat& grey, cv::Rect roi);
 
 /// The box around the points, grown by a tenth and cut to the image.
 cv::Rect bounding_box(std::span<const Vec2> px, const cv::Mat& grey);
 
-/// cv::cornerSubPix of each start with its own window, and the standard error that image noise gives that estimator
-/// (docs/detect.md). nullopt where the corner left its window's surroundings, the window does not fit into the image, or
-/// there is no corner at all.
-std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey, std::span<const CornerStart> starts,
-                                                         double noise);
+/// cv::cornerSubPix of each start with its own window, and the standard error that image noise gives that
+/// estimator (docs/detect.md). nullopt where the corner left its window's surroundings, the window does not
+/// fit into the image, or there is no corner at all.
+std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
+                                                         std::span<const CornerStart> starts, double noise);
 
-/// Mean grey level of the two fields of a saddle at p that lie at +-(u + v), minus that of the fields at +-(u - v);
-/// u, v reach from p into the fields [px]. Positive when the fields at +-(u + v) are brighter.
+/// Mean grey level of the two fields of a saddle at p that lie at +-(u + v), minus that of the fields at +-(u
+/// - v); u, v reach from p into the fields [px]. Positive when the fields at +-(u + v) are brighter.
 double saddle_contrast(const cv::Mat& grey, const Vec2& p, const Vec2& u, const Vec2& v);
 
 /// Grey level by bilinear interpolation; p is moved into the image.

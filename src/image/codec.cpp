@@ -16,11 +16,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The environment's folder, folders near the running program (a build tree, an installation that was moved), the
-/// folder configured at build time, and last the run path that the program was linked with.
+/// The environment's folder, folders near the running program (a build tree, an installation that was moved),
+/// the folder configured at build time, and last the run path that the program was linked with.
 std::vector<std::string> candidates() {
   std::vector<fs::path> folders;
-  if (const char* dir = std::getenv("PLUMBLINE_MODULE_DIR"); dir != nullptr && *dir != 0) folders.emplace_back(dir);
+  if (const char* dir = std::getenv("PLUMBLINE_MODULE_DIR"); dir != nullptr && *dir != 0)
+    folders.emplace_back(dir);
   std::error_code ignored;
   const fs::path program = fs::read_symlink("/proc/self/exe", ignored);
   if (!program.empty()) {
@@ -50,8 +51,8 @@ Result<const ImageioApi*> load() {
     if (is_path) failures += std::string("; ") + (why != nullptr ? why : "no reason given");
   }
   return Error{ErrorCode::kIo,
-               "images need the module plumbline_imageio.so, which is not in any of: " + join(files, ", ") + failures +
-                   ". Set PLUMBLINE_MODULE_DIR to the folder that holds it",
+               "images need the module plumbline_imageio.so, which is not in any of: " + join(files, ", ") +
+                   failures + ". Set PLUMBLINE_MODULE_DIR to the folder that holds it",
                ""};
 }
 

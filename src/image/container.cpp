@@ -9,7 +9,8 @@ namespace {
 
 std::uint32_t big_endian(const std::string& bytes, std::size_t at, int n) {
   std::uint32_t value = 0;
-  for (int i = 0; i < n; ++i) value = value << 8U | static_cast<unsigned char>(bytes[at + static_cast<std::size_t>(i)]);
+  for (int i = 0; i < n; ++i)
+    value = value << 8U | static_cast<unsigned char>(bytes[at + static_cast<std::size_t>(i)]);
   return value;
 }
 
@@ -51,7 +52,8 @@ ContainerInfo inspect_jpeg(const std::string& bytes) {
     if (is_frame_header(marker) && at + 9 <= bytes.size()) {
       info.size = ImageSize{as_int(big_endian(bytes, at + 7, 2)), as_int(big_endian(bytes, at + 5, 2))};
     }
-    if (marker == 0xDA) {  // the picture itself: in it 0xFF is followed by 0 or a restart mark, so the end is unique
+    if (marker ==
+        0xDA) {  // the picture itself: in it 0xFF is followed by 0 or a restart mark, so the end is unique
       info.ends_early = bytes.find("\xFF\xD9", at + 2 + length) == std::string::npos;
       break;
     }

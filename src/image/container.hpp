@@ -11,7 +11,7 @@ namespace plumbline::detail {
 struct ContainerInfo {
   std::string kind;               ///< "PNG", "JPEG", or "" for any other
   std::optional<ImageSize> size;  ///< where it was found
-  bool ends_early = false;        ///< the file stops before its end mark: OpenCV would fill the rest with grey
+  bool ends_early = false;  ///< the file stops before its end mark: OpenCV would fill the rest with grey
 };
 
 /// Walks the chunks of a PNG or the segments of a JPEG.

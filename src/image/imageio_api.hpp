@@ -3,8 +3,9 @@
 #include <cstddef>
 #include <opencv2/core/mat.hpp>
 
-/// What plumbline_imageio.so (imageio_module.cpp) offers. It is loaded by codec.cpp when the first image is read,
-/// because linking opencv_imgcodecs costs every process start its 200 and more libraries. No exception crosses it.
+/// What plumbline_imageio.so (imageio_module.cpp) offers. It is loaded by codec.cpp when the first image is
+/// read, because linking opencv_imgcodecs costs every process start its 200 and more libraries. No exception
+/// crosses it.
 namespace plumbline::detail {
 
 inline constexpr const char* kImageioFile = "plumbline_imageio.so";

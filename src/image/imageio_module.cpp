@@ -20,8 +20,8 @@ void say(const char* text, char* message, std::size_t size) noexcept {
 bool decode(const unsigned char* bytes, std::size_t size, bool grey, cv::Mat* image, char* message,
             std::size_t message_size) noexcept {
   try {
-    // IMREAD_ANYCOLOR keeps grey as grey; 16 bits become 8 in both. The photograph's own orientation tag is not
-    // applied: a calibration belongs to the sensor's pixels as they are stored.
+    // IMREAD_ANYCOLOR keeps grey as grey; 16 bits become 8 in both. The photograph's own orientation tag is
+    // not applied: a calibration belongs to the sensor's pixels as they are stored.
     const int flags = (grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_ANYCOLOR) | cv::IMREAD_IGNORE_ORIENTATION;
     const cv::Mat encoded(1, static_cast<int>(size), CV_8U, const_cast<unsigned char*>(bytes));
     *image = cv::imdecode(encoded, flags);

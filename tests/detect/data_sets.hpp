@@ -10,20 +10,23 @@
 
 namespace plumbline::test {
 
-/// A folder of the optional photographs, what was photographed, and in how many images it can be found at least.
+/// A folder of the optional photographs, what was photographed, and in how many images it can be found at
+/// least.
 struct DataSet {
   std::string folder, pattern;
   TargetSpec spec;
   int images, found;
 };
 
-inline std::vector<std::filesystem::path> images_of(const std::filesystem::path& folder, const std::string& pattern) {
+inline std::vector<std::filesystem::path> images_of(const std::filesystem::path& folder,
+                                                    const std::string& pattern) {
   std::vector<std::filesystem::path> out;
   const std::regex name(pattern);
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
     if (std::regex_match(entry.path().filename().string(), name)) out.push_back(entry.path());
   }
-  std::sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return natural_less(a.string(), b.string()); });
+  std::sort(out.begin(), out.end(),
+            [](const auto& a, const auto& b) { return natural_less(a.string(), b.string()); });
   return out;
 }
 

@@ -23,7 +23,9 @@ double median(std::vector<double> v) {
 
 TEST(DISABLED_DetectionTable, AllDataSets) {
   const char* only = std::getenv("PLUMBLINE_DATA_SET");  // part of a folder's name
-  fmt::print("| data set | images | found | corners (of all) | median sigma px | median ms |\n|---|---|---|---|---|---|\n");
+  fmt::print(
+      "| data set | images | found | corners (of all) | median sigma px | median ms "
+      "|\n|---|---|---|---|---|---|\n");
   for (const DataSet& set : data_sets()) {
     if (only != nullptr && set.folder.find(only) == std::string::npos) continue;
     const auto folder = data_dir(set.folder);
@@ -38,20 +40,21 @@ TEST(DISABLED_DetectionTable, AllDataSets) {
       ASSERT_TRUE(grey) << grey.error().text();
       const auto start = std::chrono::steady_clock::now();
       const auto result = detect_target(*grey, target);
-      ms.push_back(std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
+      ms.push_back(
+          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
       ASSERT_TRUE(result) << result.error().text();
       found += result->corners.empty() ? 0 : 1;
       corners += static_cast<int>(result->corners.size());
       for (const Corner& c : result->corners) sigma.push_back(c.sigma_px);
       if (only != nullptr) {
-        fmt::print("  {} {} {} {} {:.0f} ms\n", file.filename().string(), result->corners.size(), result->method, result->reason,
-                   ms.back());
+        fmt::print("  {} {} {} {} {:.0f} ms\n", file.filename().string(), result->corners.size(),
+                   result->method, result->reason, ms.back());
       }
       if (result->corners.empty()) remarks += " " + file.filename().string();
       if (result->method.starts_with("SB")) remarks += " " + file.filename().string() + "(SB)";
     }
-    fmt::print("| {} {} | {} | {} | {} ({}) | {:.3f} | {:.0f} |{}\n", set.folder, target.name, files.size(), found, corners,
-               files.size() * target.points.size(), median(sigma), median(ms), remarks);
+    fmt::print("| {} {} | {} | {} | {} ({}) | {:.3f} | {:.0f} |{}\n", set.folder, target.name, files.size(),
+               found, corners, files.size() * target.points.size(), median(sigma), median(ms), remarks);
     EXPECT_GE(found, set.found);
   }
 }

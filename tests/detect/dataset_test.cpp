@@ -29,7 +29,8 @@ CameraImages camera_of(const TempDir& dir, const std::string& camera, const std:
 void draw(const TempDir& dir, const std::string& name, double roll) {
   Render how;
   how.samples = 2;
-  ASSERT_TRUE(write_png(dir / name, render(look_at(*make_target(kBoard), 10, 5, roll), chessboard_shade(kBoard), how)));
+  ASSERT_TRUE(write_png(dir / name,
+                        render(look_at(*make_target(kBoard), 10, 5, roll), chessboard_shade(kBoard), how)));
 }
 
 TEST(DetectDataset, ViewsFramesAndReasons) {
@@ -37,7 +38,8 @@ TEST(DetectDataset, ViewsFramesAndReasons) {
   for (const char* name : {"a1.png", "a10.png", "b2.png", "b1.png"}) draw(dir, name, 5);
   ASSERT_TRUE(write_png(dir / "a2.png", cv::Mat(480, 640, CV_8U, cv::Scalar(90))));
   const Target target = *make_target(kBoard);
-  const std::vector<CameraImages> cameras = {camera_of(dir, "a", {"10", "2", "1"}), camera_of(dir, "b", {"1", "2"})};
+  const std::vector<CameraImages> cameras = {camera_of(dir, "a", {"10", "2", "1"}),
+                                             camera_of(dir, "b", {"1", "2"})};
   DetectOptions options;
   std::vector<int> progress;
   options.progress = [&](int done, int all) {
@@ -88,7 +90,8 @@ TEST(DetectDataset, FailuresNameTheImage) {
   const auto sizes = detect_dataset({camera_of(dir, "a", {"1", "2"})}, target);
   ASSERT_FALSE(sizes);
   EXPECT_EQ(sizes.error().code, ErrorCode::kInvalidData);
-  EXPECT_THAT(sizes.error().text(), testing::AllOf(testing::HasSubstr("200x100"), testing::HasSubstr("640x480")));
+  EXPECT_THAT(sizes.error().text(),
+              testing::AllOf(testing::HasSubstr("200x100"), testing::HasSubstr("640x480")));
 
   const auto nothing = detect_dataset({camera_of(dir, "a", {"1"})}, *make_target(Chessboard{9, 6, 0.025}));
   ASSERT_FALSE(nothing);
@@ -117,13 +120,23 @@ TEST(DetectData, DemoPhotographs) {
   EXPECT_EQ(data->detector, "chessboard: cornerSubPix");
 }
 
-/// A selection of the data sets: at most a few images of each, so that the suite stays short. The whole is the
-/// detection table (data_table_test.cpp).
+/// A selection of the data sets: at most a few images of each, so that the suite stays short. The whole is
+/// the detection table (data_table_test.cpp).
 TEST(DetectData, CountsOfTheCatalogue) {
-  const std::vector<std::pair<std::string, int>> selection = {
-      {"calib-3_stereo_from_JY/left", 4}, {"subpixel", 3}, {"negative", 1},     {"omnidir", 2}, {"Bumblebee2", 4},
-      {"boofcv_calibration/fisheye", 4},  {"camodocal", 4}, {"pyocamcalib", 3}, {"lifecam_480", 3}, {"wpical", 1},
-      {"post_optimization/cam_0", 2},     {"intrinsic_calib_charuco", 2}, {"CircleRegular", 2}, {"calibrationSquaresImg/lifecam", 2}};
+  const std::vector<std::pair<std::string, int>> selection = {{"calib-3_stereo_from_JY/left", 4},
+                                                              {"subpixel", 3},
+                                                              {"negative", 1},
+                                                              {"omnidir", 2},
+                                                              {"Bumblebee2", 4},
+                                                              {"boofcv_calibration/fisheye", 4},
+                                                              {"camodocal", 4},
+                                                              {"pyocamcalib", 3},
+                                                              {"lifecam_480", 3},
+                                                              {"wpical", 1},
+                                                              {"post_optimization/cam_0", 2},
+                                                              {"intrinsic_calib_charuco", 2},
+                                                              {"CircleRegular", 2},
+                                                              {"calibrationSquaresImg/lifecam", 2}};
   for (const DataSet& set : data_sets()) {
     const auto chosen = std::find_if(selection.begin(), selection.end(), [&](const auto& s) {
       return set.folder.find(s.first) != std::string::npos;
@@ -143,12 +156,14 @@ TEST(DetectData, CountsOfTheCatalogue) {
   }
 }
 
-// Wide fisheye frames: the catalogue counts tags that OpenCV's aruco alone finds (29, 35, 17, 15); 36 tags are on the board.
+// Wide fisheye frames: the catalogue counts tags that OpenCV's aruco alone finds (29, 35, 17, 15); 36 tags
+// are on the board.
 TEST(DetectData, AprilGridOnFisheye) {
   const auto folder = data_dir("aprilgrid_rs/tests/data");
   PLUMBLINE_NEEDS(folder);
   const Target target = *make_target(AprilGrid{6, 6, 0.088, 0.3});
-  for (const auto& [name, tags] : {std::pair{"TUM_VI.png", 36}, {"r45.png", 35}, {"right.png", 20}, {"top.png", 24}}) {
+  for (const auto& [name, tags] :
+       {std::pair{"TUM_VI.png", 36}, {"r45.png", 35}, {"right.png", 20}, {"top.png", 24}}) {
     const auto grey = read_image_grey(*folder / name);
     ASSERT_TRUE(grey);
     EXPECT_GE(detect_target(*grey, target)->corners.size(), static_cast<std::size_t>(4 * tags)) << name;

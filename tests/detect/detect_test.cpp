@@ -21,8 +21,8 @@ Detection found(const cv::Mat& image, const Target& target) {
 
 void report(const char* what, const Accuracy& a) {
   if (std::getenv("PLUMBLINE_VERBOSE") != nullptr)
-    fmt::print("{}: {} found, mean {:.4f}, rms/axis {:.4f}, sigma {:.4f}, worst {:.3f}, bias {:.4f} {:.4f}\n", what, a.found,
-               a.mean_error, a.rms_axis, a.mean_sigma, a.worst, a.bias.x(), a.bias.y());
+    fmt::print("{}: {} found, mean {:.4f}, rms/axis {:.4f}, sigma {:.4f}, worst {:.3f}, bias {:.4f} {:.4f}\n",
+               what, a.found, a.mean_error, a.rms_axis, a.mean_sigma, a.worst, a.bias.x(), a.bias.y());
 }
 
 struct Pose {
@@ -34,7 +34,8 @@ TEST(DetectChessboard, AllCornersInPlace) {
   const Target target = *make_target(Chessboard{9, 6, 0.025});
   for (const Pose& pose : kPoses) {
     const PlaneCamera camera = look_at(target, pose.pitch, pose.yaw, pose.roll);
-    const Accuracy a = accuracy(found(render(camera, chessboard_shade({9, 6, 0.025})), target), target, camera);
+    const Accuracy a =
+        accuracy(found(render(camera, chessboard_shade({9, 6, 0.025})), target), target, camera);
     report("chessboard", a);
     EXPECT_EQ(a.found, 54);
     EXPECT_LT(a.mean_error, 0.03);
@@ -76,7 +77,8 @@ TEST(DetectCharuco, Negative) {
   const Charuco board{4, 5, 0.054, 0.0405, "4X4_50"};
   const Target target = *make_target(board);
   const PlaneCamera camera = look_at(target, 20, 10, -15, 2.0);
-  const Accuracy a = accuracy(found(render(camera, charuco_shade(board, false, true)), target), target, camera);
+  const Accuracy a =
+      accuracy(found(render(camera, charuco_shade(board, false, true)), target), target, camera);
   report("charuco negative", a);
   EXPECT_EQ(a.found, 12);
   EXPECT_LT(a.mean_error, 0.05);
@@ -107,7 +109,8 @@ TEST(DetectAprilGrid, Fisheye) {
   report("aprilgrid fisheye", a);
   EXPECT_GT(a.found, 140);
   EXPECT_LT(a.mean_error, 0.05);
-  EXPECT_LT(a.worst, 1.5);  // at the steep edge the squares between tags are 3 px wide, less than the smallest window
+  EXPECT_LT(a.worst,
+            1.5);  // at the steep edge the squares between tags are 3 px wide, less than the smallest window
   EXPECT_LT(a.bias.cwiseAbs().maxCoeff(), 0.02);
 }
 
@@ -117,7 +120,8 @@ TEST(DetectCircles, SymmetricAndAsymmetric) {
     for (const Pose& pose : kPoses) {
       const PlaneCamera camera = look_at(target, pose.pitch, pose.yaw, pose.roll);
       const Accuracy a =
-          accuracy(found(render(camera, circles_shade(board, board.asymmetric ? 0.016 : 0.01)), target), target, camera);
+          accuracy(found(render(camera, circles_shade(board, board.asymmetric ? 0.016 : 0.01)), target),
+                   target, camera);
       report("circles", a);
       EXPECT_EQ(a.found, static_cast<int>(target.points.size()));
       EXPECT_LT(a.mean_error, 0.03);
@@ -128,16 +132,22 @@ TEST(DetectCircles, SymmetricAndAsymmetric) {
 
 // The true half-turn symmetry of each pattern decides whether its numbering is unique.
 TEST(DetectNumbering, UniqueBoardsKeepTheirFirstCornerUpsideDown) {
-  const Target chess = *make_target(Chessboard{9, 6, 0.025}), circles = *make_target(Circles{4, 11, 0.02, 0, true});
+  const Target chess = *make_target(Chessboard{9, 6, 0.025}),
+               circles = *make_target(Circles{4, 11, 0.02, 0, true});
   for (const double roll : {0.0, 90.0, 180.0, 270.0}) {
     const PlaneCamera a = look_at(chess, 10, 5, roll, 2.2), b = look_at(circles, 10, 5, roll, 2.2);
-    EXPECT_LT(accuracy(found(render(a, chessboard_shade({9, 6, 0.025})), chess), chess, a).worst, 0.2) << roll;
-    EXPECT_LT(accuracy(found(render(b, circles_shade({4, 11, 0.02, 0, true}, 0.016)), circles), circles, b).worst, 0.2) << roll;
+    EXPECT_LT(accuracy(found(render(a, chessboard_shade({9, 6, 0.025})), chess), chess, a).worst, 0.2)
+        << roll;
+    EXPECT_LT(
+        accuracy(found(render(b, circles_shade({4, 11, 0.02, 0, true}, 0.016)), circles), circles, b).worst,
+        0.2)
+        << roll;
   }
 }
 
 TEST(DetectNumbering, SymmetricBoardsBeginAtTheTopLeft) {
-  for (const Chessboard& board : {Chessboard{8, 6, 0.025}, Chessboard{7, 7, 0.025}, Chessboard{6, 6, 0.025}}) {
+  for (const Chessboard& board :
+       {Chessboard{8, 6, 0.025}, Chessboard{7, 7, 0.025}, Chessboard{6, 6, 0.025}}) {
     const Target target = *make_target(board);
     for (const double roll : {0.0, 180.0}) {
       const PlaneCamera camera = look_at(target, 10, 5, roll + 8, 2.0);
@@ -154,7 +164,8 @@ TEST(DetectNumbering, SymmetricBoardsBeginAtTheTopLeft) {
 
 // sigma is what the errors are: on rendered boards within a factor of two, from clean to very noisy.
 TEST(DetectSigma, IsTheErrorOnRenderedBoards) {
-  const Target chess = *make_target(Chessboard{9, 6, 0.025}), april = *make_target(AprilGrid{6, 4, 0.088, 0.3});
+  const Target chess = *make_target(Chessboard{9, 6, 0.025}),
+               april = *make_target(AprilGrid{6, 4, 0.088, 0.3});
   const Target circles = *make_target(Circles{9, 7, 0.02});
   for (const double noise : {0.0, 3.0, 10.0}) {
     for (const double distance : {1.6, 3.0}) {
@@ -166,8 +177,9 @@ TEST(DetectSigma, IsTheErrorOnRenderedBoards) {
         report("sigma", a);
         return a.rms_axis / a.mean_sigma;
       };
-      for (const double r : {ratio(chess, chessboard_shade({9, 6, 0.025})), ratio(april, aprilgrid_shade({6, 4, 0.088, 0.3})),
-                             ratio(circles, circles_shade({9, 7, 0.02}, 0.01))}) {
+      for (const double r :
+           {ratio(chess, chessboard_shade({9, 6, 0.025})), ratio(april, aprilgrid_shade({6, 4, 0.088, 0.3})),
+            ratio(circles, circles_shade({9, 7, 0.02}, 0.01))}) {
         EXPECT_GT(r, 0.5) << noise << " " << distance;
         EXPECT_LT(r, 2.0) << noise << " " << distance;
       }

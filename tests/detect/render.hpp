@@ -8,11 +8,12 @@
 #include "plumbline/detect/detect.hpp"
 #include "plumbline/target/target.hpp"
 
-/// Boards drawn from formulas, not by the library: each pixel is the mean of the board's brightness over its area, so the
-/// true place of every point is known exactly.
+/// Boards drawn from formulas, not by the library: each pixel is the mean of the board's brightness over its
+/// area, so the true place of every point is known exactly.
 namespace plumbline::test {
 
-/// A camera that looks at the plane z = 0 of a board: pinhole, or equidistant (r = f theta), which is no homography.
+/// A camera that looks at the plane z = 0 of a board: pinhole, or equidistant (r = f theta), which is no
+/// homography.
 struct PlaneCamera {
   ImageSize size{640, 480};
   double f = 500;
@@ -24,9 +25,11 @@ struct PlaneCamera {
   Vec2 px_of(const Vec3& p_board) const;
 };
 
-/// A camera that sees the middle of `target` at `distance` board widths, turned by these angles [deg] about the board's
-/// x and y axes and about its own axis. `y_up` for AprilGrids (the camera must look from the printed side).
-PlaneCamera look_at(const Target& target, double pitch_deg, double yaw_deg, double roll_deg, double distance = 1.7);
+/// A camera that sees the middle of `target` at `distance` board widths, turned by these angles [deg] about
+/// the board's x and y axes and about its own axis. `y_up` for AprilGrids (the camera must look from the
+/// printed side).
+PlaneCamera look_at(const Target& target, double pitch_deg, double yaw_deg, double roll_deg,
+                    double distance = 1.7);
 
 /// Brightness 0..1 of a board point; -1 outside of the sheet.
 using Shade = std::function<double(const Vec2&)>;

@@ -37,18 +37,22 @@ Vec2 PlaneCamera::px_of(const Vec3& p_board) const {
   return centre + (r > 1e-12 ? f * std::atan2(r, p.z()) / r : f / p.z()) * p.head<2>();
 }
 
-PlaneCamera look_at(const Target& target, double pitch_deg, double yaw_deg, double roll_deg, double distance) {
+PlaneCamera look_at(const Target& target, double pitch_deg, double yaw_deg, double roll_deg,
+                    double distance) {
   Vec3 low = target.points[0], high = target.points[0];
   for (const Vec3& p : target.points) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
   constexpr double kDeg = std::numbers::pi / 180;
-  const auto turn = [&](double deg, const Vec3& axis) { return Eigen::AngleAxisd(deg * kDeg, axis).toRotationMatrix(); };
+  const auto turn = [&](double deg, const Vec3& axis) {
+    return Eigen::AngleAxisd(deg * kDeg, axis).toRotationMatrix();
+  };
   Mat3 facing = Mat3::Identity();
   if (std::holds_alternative<AprilGrid>(target.spec)) facing = turn(180, Vec3::UnitX());
   PlaneCamera camera;
-  camera.R = turn(roll_deg, Vec3::UnitZ()) * turn(pitch_deg, Vec3::UnitX()) * turn(yaw_deg, Vec3::UnitY()) * facing;
+  camera.R =
+      turn(roll_deg, Vec3::UnitZ()) * turn(pitch_deg, Vec3::UnitX()) * turn(yaw_deg, Vec3::UnitY()) * facing;
   // Off the optical axis and not at whole pixels, so that no symmetry hides an error.
   camera.t = Vec3(0.021, -0.013, distance) * (high - low).head<2>().maxCoeff() - camera.R * (low + high) / 2;
   return camera;
@@ -56,7 +60,8 @@ PlaneCamera look_at(const Target& target, double pitch_deg, double yaw_deg, doub
 
 Shade chessboard_shade(const Chessboard& board) {
   return [=](const Vec2& p) {
-    const double x = p.x() / board.square_m + 1, y = p.y() / board.square_m + 1;  // squares from the drawn corner
+    const double x = p.x() / board.square_m + 1,
+                 y = p.y() / board.square_m + 1;  // squares from the drawn corner
     if (x < -1 || y < -1 || x > board.columns + 2 || y > board.rows + 2) return -1.0;
     if (x < 0 || y < 0 || x > board.columns + 1 || y > board.rows + 1) return 1.0;
     return (static_cast<int>(x) + static_cast<int>(y)) % 2 == 0 ? 0.0 : 1.0;  // the top-left square is black
@@ -82,10 +87,13 @@ double module_at(const cv::Mat& modules, double u, double v) {  // u right, v do
 }  // namespace
 
 Shade charuco_shade(const Charuco& board, bool legacy, bool negative) {
-  auto modules = std::make_shared<std::vector<std::vector<cv::Mat>>>(board.rows, std::vector<cv::Mat>(board.columns));
+  auto modules =
+      std::make_shared<std::vector<std::vector<cv::Mat>>>(board.rows, std::vector<cv::Mat>(board.columns));
   const int dictionary = board.dictionary == "5X5_100" ? cv::aruco::DICT_5X5_100 : cv::aruco::DICT_4X4_50;
   int id = board.first_id;
-  const auto is_white = [=](int c, int r) { return legacy && board.rows % 2 == 0 ? (c + r) % 2 == 0 : (c + r) % 2 == 1; };
+  const auto is_white = [=](int c, int r) {
+    return legacy && board.rows % 2 == 0 ? (c + r) % 2 == 0 : (c + r) % 2 == 1;
+  };
   for (int r = 0; r < board.rows; ++r)
     for (int c = 0; c < board.columns; ++c)
       if (is_white(c, r)) (*modules)[r][c] = marker_modules(dictionary, id++, 1);
@@ -118,7 +126,7 @@ Shade aprilgrid_shade(const AprilGrid& board) {
     const double u = x - c * pitch, v = y - r * pitch;
     if (u > 1 || v > 1 || c < 0 || r < 0 || c >= board.columns || r >= board.rows) {
       // The gaps: a black square where gaps cross.
-      const bool gap_x = u > 1 || c < 0, gap_y = v > 1 || r < 0;
+      const bool gap_x = u > 1 || c<0, gap_y = v> 1 || r < 0;
       return gap_x && gap_y ? 0.0 : 1.0;
     }
     return module_at((*modules)[static_cast<std::size_t>(r * board.columns + c)], u, 1 - v);
@@ -130,7 +138,8 @@ Shade circles_shade(const Circles& board, double diameter_m) {
     const double s = board.spacing_m, x = p.x() / s, y = p.y() / s, radius = diameter_m / 2 / s;
     const double right = board.asymmetric ? 2 * board.columns - 1 : board.columns - 1;
     if (x < -2 || y < -2 || x > right + 2 || y > board.rows + 1) return -1.0;
-    for (int r = std::max(0, static_cast<int>(y) - 1); r <= std::min(board.rows - 1, static_cast<int>(y) + 2); ++r) {
+    for (int r = std::max(0, static_cast<int>(y) - 1); r <= std::min(board.rows - 1, static_cast<int>(y) + 2);
+         ++r) {
       const double step = board.asymmetric ? 2 : 1, first = board.asymmetric ? r % 2 : 0;
       const double c = std::clamp(std::round((x - first) / step), 0.0, board.columns - 1.0);
       if ((Vec2(first + step * c, r) - Vec2(x, y)).norm() < radius) return 0.0;
@@ -182,7 +191,8 @@ Accuracy accuracy(const Detection& detection, const Target& target, const PlaneC
   return a;
 }
 
-// The renderer judges the detectors, so it is judged itself: the pixel of a board point is on that board point.
+// The renderer judges the detectors, so it is judged itself: the pixel of a board point is on that board
+// point.
 TEST(Render, PixelAndBoardPointAreInverse) {
   const Target target = *make_target(AprilGrid{});
   PlaneCamera camera = look_at(target, 25, -30, 40);

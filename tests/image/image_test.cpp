@@ -12,11 +12,14 @@ namespace {
 cv::Mat gradient(int type) {
   cv::Mat image(48, 64, type);
   for (int r = 0; r < image.rows; ++r)
-    for (int c = 0; c < image.cols * image.channels(); ++c) image.ptr<unsigned char>(r)[c] = static_cast<unsigned char>(3 * r + c);
+    for (int c = 0; c < image.cols * image.channels(); ++c)
+      image.ptr<unsigned char>(r)[c] = static_cast<unsigned char>(3 * r + c);
   return image;
 }
 
-bool same(const cv::Mat& a, const cv::Mat& b) { return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0; }
+bool same(const cv::Mat& a, const cv::Mat& b) {
+  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
+}
 
 TEST(Image, PngRoundTripIsExact) {
   const TempDir dir;
@@ -36,13 +39,16 @@ TEST(Image, GreyOfColourIsOpenCvs) {
   EXPECT_TRUE(same(*read_image_grey(dir / "a.png"), cv::imread(dir / "a.png", cv::IMREAD_GRAYSCALE)));
 }
 
-// A photograph turned by its orientation tag has other pixels than the sensor; this JPEG says "turn by 90 degrees".
+// A photograph turned by its orientation tag has other pixels than the sensor; this JPEG says "turn by 90
+// degrees".
 TEST(Image, OrientationTagIsNotApplied) {
   const TempDir dir;
   cv::imwrite(dir / "plain.jpg", gradient(CV_8UC1));
   std::string bytes = read_text(dir / "plain.jpg");
-  const std::string exif("\xFF\xE1\x00\x22"
-                         "Exif\0\0MM\0\x2A\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0", 36);
+  const std::string exif(
+      "\xFF\xE1\x00\x22"
+      "Exif\0\0MM\0\x2A\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0",
+      36);
   bytes.insert(2, exif);
   write_text(dir / "turned.jpg", bytes);
   ASSERT_EQ(cv::imread(dir / "turned.jpg").rows, 64);  // OpenCV does turn it by default
@@ -63,7 +69,8 @@ TEST(Image, MissingUnreadableAndUndecodableAreToldApart) {
   ASSERT_FALSE(folder);
   EXPECT_EQ(folder.error().code, ErrorCode::kIo);
 
-  for (const std::string& text : {std::string(), std::string("this is no image"), std::string("P5 abc"), std::string("\xFF\xD8\xFF", 3)}) {
+  for (const std::string& text : {std::string(), std::string("this is no image"), std::string("P5 abc"),
+                                  std::string("\xFF\xD8\xFF", 3)}) {
     write_text(dir / "bad.png", text);
     const auto bad = read_image_grey(dir / "bad.png");
     ASSERT_FALSE(bad) << text;
