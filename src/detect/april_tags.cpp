@@ -2,8 +2,8 @@
 #include <apriltag/apriltag.h>
 #include <apriltag/tag36h11.h>
 
-#include <memory>
-#include <mutex>
+#include <algorithm>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 
 #include "detect/markers.hpp"
@@ -24,8 +24,7 @@ apriltag_family_t* wide_border_family() {
   return family;
 }
 
-/// A detector and its family. The library's detector is not re-entrant, so each call makes one; building the
-/// decoding table is guarded because the library allocates it without locks.
+/// A detector and its family. The library's detector is not re-entrant, so each call makes its own.
 class TagDetector {
  public:
   TagDetector() : family_(wide_border_family()), detector_(apriltag_detector_create()) {
@@ -72,13 +71,21 @@ std::vector<Marker> find_april_tags(const cv::Mat& grey) {
   contiguous.convertTo(brighter, CV_8U, 2.0);
   std::vector<Marker> markers;
   TagDetector detector;
-  detector.find(contiguous, 1, markers);
-  detector.find(contiguous, 2, markers);
-  detector.find(dilated, 1, markers);
-  detector.find(brighter, 1, markers);
-  for (Marker tag : find_aruco(grey, "APRILTAG_36h11", 0, 2)) {
+  // Large photographs show large tags: they are looked for at a reduced size (corners are refined at full
+  // size later).
+  const float base = std::max(1.0F, std::round(static_cast<float>(std::max(grey.cols, grey.rows)) / 1600));
+  detector.find(contiguous, base, markers);
+  detector.find(contiguous, 2 * base, markers);
+  detector.find(dilated, base, markers);
+  detector.find(brighter, base, markers);
+  cv::Mat reduced = contiguous;
+  if (base > 1) cv::resize(contiguous, reduced, cv::Size(), 1 / base, 1 / base, cv::INTER_AREA);
+  const Vec2 scale(static_cast<double>(grey.cols) / reduced.cols,
+                   static_cast<double>(grey.rows) / reduced.rows);
+  for (const Marker& found : find_aruco(reduced, "APRILTAG_36h11", 0, 2)) {
     // OpenCV numbers clockwise and has this family turned by half a turn against Kalibr: BR, BL, TL, TR.
-    tag.px = {tag.px[1], tag.px[0], tag.px[3], tag.px[2]};
+    Marker tag{found.id, {found.px[1], found.px[0], found.px[3], found.px[2]}};
+    for (Vec2& p : tag.px) p = (p + Vec2(0.5, 0.5)).cwiseProduct(scale) - Vec2(0.5, 0.5);
     markers.push_back(tag);
   }
   return markers;

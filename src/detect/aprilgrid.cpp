@@ -8,6 +8,7 @@
 #include "detect/finders.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
+#include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
 namespace {
@@ -50,11 +51,10 @@ struct Candidate {
   CornerStart start;
 };
 
-/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. H maps from
-/// `origin`.
+/// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. J: d px / d
+/// board.
 void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k,
-                   const Mat3& H, const Vec2& origin, const Vec2& start, std::vector<Candidate>& out) {
-  const Mat2 J = map_jacobian(H, tag.board[k] - origin);
+                   const Mat2& J, const Vec2& start, std::vector<Candidate>& out) {
   const double scale = std::min(J.col(0).norm(), J.col(1).norm()), gap = board.spacing * scale;
   // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them
   // white.
@@ -78,8 +78,7 @@ void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQua
     // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a
     // wide lens.
     const bool agree = (tag.px[k] - *predicted).norm() < 0.5 * gap;
-    add_candidate(grey, board, tag, k, H, centre, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted,
-                  out);
+    add_candidate(grey, board, tag, k, J, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted, out);
   }
 }
 
@@ -101,14 +100,18 @@ std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& c
   return out;
 }
 
-/// The local map from board points relative to `at`, by the twelve refined corners nearest to it (`skip` is
-/// not one).
-std::optional<Mat3> plane_of_refined(const std::vector<Refined>& all, const Vec2& at, int skip,
-                                     double tag_px) {
+struct Prediction {
+  Vec2 px;
+  Mat2 J;  ///< d px / d board
+};
+
+/// Where `at` should be by the refined corners nearest to it (`skip` is not one): their homography, and a
+/// quadratic for what it leaves, since on a wide lens neighbouring tags differ by pixels from any plane.
+std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& at, int skip) {
   std::vector<const Refined*> near;
   for (const Refined& r : all)
     if (r.point != skip) near.push_back(&r);
-  const std::size_t n = std::min<std::size_t>(near.size(), 12);
+  const std::size_t n = std::min<std::size_t>(near.size(), 16);
   const auto nearer = [&](const Refined* a, const Refined* b) {
     const double da = (a->board - at).squaredNorm(), db = (b->board - at).squaredNorm();
     return da != db ? da < db : a->point < b->point;
@@ -119,55 +122,79 @@ std::optional<Mat3> plane_of_refined(const std::vector<Refined>& all, const Vec2
     from.push_back(near[i]->board - at);
     to.push_back(near[i]->px);
   }
-  return fit_plane(from, to, 0.03 * tag_px);
-}
-
-/// Distance of each corner from where its neighbours put it [px].
-std::vector<double> stray_distances(const std::vector<Refined>& corners, double tag_px) {
-  std::vector<double> out;
-  for (const Refined& r : corners) {
-    const auto H = plane_of_refined(corners, r.board, r.point, tag_px);
-    const auto predicted = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-    out.push_back(predicted ? (*predicted - r.px).norm() : 1e9);
+  const auto H = fit_plane(from, to);
+  const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
+  if (!px) return std::nullopt;
+  Prediction out{*px, map_jacobian(*H, Vec2(0, 0))};
+  if (n < 10) return out;
+  MatX A(n, 6), rest(n, 2);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Vec2& p = from[i];
+    A.row(i) << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    rest.row(i) = (to[i] - map_point(*H, p).value_or(to[i])).transpose();
   }
+  const auto x = solve_least_squares(A, rest.col(0)), y = solve_least_squares(A, rest.col(1));
+  if (!x || !y) return out;
+  out.px += Vec2((*x)(0), (*y)(0));
+  out.J += Mat2{{(*x)(1), (*x)(2)}, {(*y)(1), (*y)(2)}};
   return out;
 }
 
-/// What a lens of strong distortion bends between neighbours is in the median; strays stand out from it.
-double stray_limit(std::vector<double> distances) {
-  if (distances.empty()) return 0;
-  const auto middle = distances.begin() + static_cast<long>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return std::max(0.4, 5 * *middle);
+/// Without the corners that lie elsewhere than their neighbours say. A stray spoils the predictions around
+/// it, so only the worst of a neighbourhood goes in each round. `limit` [px]: what stands out from the median
+/// error; 0 is replaced by that, once, since the median of what is left would sink from round to round and
+/// take good corners with it.
+std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit) {
+  const auto error_of = [&](const Refined& r) {
+    const auto predicted = predict(corners, r.board, r.point);
+    return predicted ? (predicted->px - r.px).norm() : 1e9;
+  };
+  std::vector<double> error;
+  for (const Refined& r : corners) error.push_back(error_of(r));
+  if (limit <= 0 && !error.empty()) {
+    std::vector<double> sorted = error;
+    std::sort(sorted.begin(), sorted.end());
+    limit = std::max(0.4, 6 * sorted[sorted.size() / 2]);
+  }
+  while (true) {
+    std::vector<std::size_t> strays;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      bool is_worst_here = error[i] > limit;
+      for (std::size_t j = 0; j < corners.size() && is_worst_here; ++j) {
+        is_worst_here = error[j] <= error[i] || (corners[j].board - corners[i].board).norm() > 1.5;
+      }
+      if (is_worst_here) strays.push_back(i);
+    }
+    if (strays.empty()) return corners;
+    std::vector<Vec2> gone;
+    for (auto i = strays.rbegin(); i != strays.rend(); ++i) {
+      gone.push_back(corners[*i].board);
+      corners.erase(corners.begin() + static_cast<long>(*i));
+      error.erase(error.begin() + static_cast<long>(*i));
+    }
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const auto is_near = [&](const Vec2& p) { return (p - corners[i].board).norm() < 4; };
+      if (std::any_of(gone.begin(), gone.end(), is_near)) error[i] = error_of(corners[i]);
+    }
+  }
 }
 
-/// Without strays; then those that had a bad start, or none, again from where their good neighbours say.
-std::vector<Refined> without_strays(const cv::Mat& grey, const AprilGrid& board,
-                                    const std::vector<PlacedQuad>& quads, const std::vector<int>& tags,
-                                    const std::vector<Refined>& first, double tag_px, double noise) {
-  const std::vector<double> distance = stray_distances(first, tag_px);
-  const double limit = stray_limit(distance);
-  std::vector<Refined> good;
-  for (std::size_t i = 0; i < first.size(); ++i)
-    if (distance[i] <= limit) good.push_back(first[i]);
+/// Corners that had a bad start, or none, once more from where their good neighbours say.
+void add_missing(const cv::Mat& grey, const AprilGrid& board, const std::vector<PlacedQuad>& quads,
+                 const std::vector<int>& tags, double noise, std::vector<Refined>& corners) {
   std::vector<Candidate> again;
   for (int i : tags) {
     const PlacedQuad& tag = quads[static_cast<std::size_t>(i)];
     for (std::size_t k = 0; k < 4; ++k) {
       const int point = (tag.id - board.first_id) * 4 + static_cast<int>(k);
-      if (std::any_of(good.begin(), good.end(), [&](const Refined& r) { return r.point == point; })) continue;
-      const auto H = plane_of_refined(good, tag.board[k], point, tag_px);
-      const auto start = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-      if (start) add_candidate(grey, board, tag, k, *H, tag.board[k], *start, again);
+      if (std::any_of(corners.begin(), corners.end(), [&](const Refined& r) { return r.point == point; }))
+        continue;
+      if (const auto at = predict(corners, tag.board[k], point))
+        add_candidate(grey, board, tag, k, at->J, at->px, again);
     }
   }
-  std::vector<Refined> all = good;
-  for (const Refined& r : refine(grey, again, noise)) {
-    const auto H = plane_of_refined(good, r.board, r.point, tag_px);
-    const auto predicted = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-    if (predicted && (*predicted - r.px).norm() <= limit) all.push_back(r);
-  }
-  return all;
+  const auto found = refine(grey, again, noise);
+  corners.insert(corners.end(), found.begin(), found.end());
 }
 
 }  // namespace
@@ -183,11 +210,9 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     return out;
   }
   std::vector<Vec2> px;
-  double tag_px = 0;
   for (int i : consistent.index) {
     const PlacedQuad& q = quads[static_cast<std::size_t>(i)];
     px.insert(px.end(), q.px.begin(), q.px.end());
-    tag_px += side_px(q.px) / n;
   }
   std::vector<Candidate> candidates;
   for (int i : consistent.index) {
@@ -201,8 +226,10 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     if (H) add_candidates(grey, board, tag, *H, candidates);
   }
   const double noise = noise_level(grey, bounding_box(px, grey));
-  const auto refined = refine(grey, candidates, noise);
-  for (const Refined& r : without_strays(grey, board, quads, consistent.index, refined, tag_px, noise)) {
+  double limit = 0;
+  std::vector<Refined> corners = without_strays(refine(grey, candidates, noise), limit);
+  add_missing(grey, board, quads, consistent.index, noise, corners);
+  for (const Refined& r : without_strays(std::move(corners), limit)) {
     out.corners.push_back({r.point, r.px, r.sigma});
   }
   std::sort(out.corners.begin(), out.corners.end(),

@@ -50,6 +50,26 @@ cv::Ptr<cv::SimpleBlobDetector> blob_detector(const cv::Mat& image, int n_circle
   return cv::SimpleBlobDetector::create(p);
 }
 
+/// Blobs found beforehand. findCirclesGrid's search grows without bound on the thousands of blobs of a noisy
+/// picture, so it is given no more than three for each circle: the largest, since what is not a circle is
+/// mostly small.
+class GivenBlobs : public cv::Feature2D {
+ public:
+  GivenBlobs(const cv::Mat& image, int n_circles) {
+    blob_detector(image, n_circles)->detect(image, blobs_);
+    std::stable_sort(blobs_.begin(), blobs_.end(),
+                     [](const auto& a, const auto& b) { return a.size > b.size; });
+    blobs_.resize(std::min(blobs_.size(), static_cast<std::size_t>(3 * n_circles)));
+  }
+  std::size_t size() const { return blobs_.size(); }
+  void detect(cv::InputArray, std::vector<cv::KeyPoint>& keypoints, cv::InputArray) override {
+    keypoints = blobs_;
+  }
+
+ private:
+  std::vector<cv::KeyPoint> blobs_;
+};
+
 LatticePoints find(const cv::Mat& grey, const Circles& board, double scale, int flags) {
   cv::Mat image = grey;
   if (scale != 1.0)
@@ -58,8 +78,10 @@ LatticePoints find(const cv::Mat& grey, const Circles& board, double scale, int 
   bool found = false;
   try {
     flags |= board.asymmetric ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
-    found = cv::findCirclesGrid(image, cv::Size(board.columns, board.rows), centres, flags,
-                                blob_detector(image, board.columns * board.rows));
+    const int n = board.columns * board.rows;
+    const auto blobs = cv::makePtr<GivenBlobs>(image, n);
+    if (blobs->size() < static_cast<std::size_t>(n)) return {board.columns, board.rows, {}};
+    found = cv::findCirclesGrid(image, cv::Size(board.columns, board.rows), centres, flags, blobs);
   } catch (const cv::Exception&) {
     found = false;  // the finder asserts where blobs do not form what it expects
   }
