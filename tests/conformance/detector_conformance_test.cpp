@@ -106,7 +106,7 @@ TEST_P(Detector, FindsAPrint) {
     GTEST_SKIP() << "the parts of a rig are printed apart, not in their poses";
   const int dpi = 80;
   const Print print = print_target(target, {PrintFormat::kPng, "auto", dpi}).value();
-  const cv::Mat image =
+  cv::Mat image =
       cv::imdecode(std::vector<unsigned char>(print.bytes.begin(), print.bytes.end()), cv::IMREAD_GRAYSCALE);
   // Without the lower border: seen this sharp, the loops of its letters are circles too for OpenCV's
   // asymmetric finder.
