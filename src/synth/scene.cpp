@@ -177,6 +177,8 @@ void fill_views(Calibration& truth, std::vector<Frame>& frames, const SceneOptio
     for (int i = 0; i < o.n_views; ++i) {
       View view{cam, i, truth.rig.cameras[cam].name + "/" + truth.data.frames[i] + ".png",
                 std::move(frames[i].corners[cam]), ""};
+      // The measurement model itself, so that without noise a residual is 0 and not a rounding error.
+      for (Corner& corner : view.corners) corner.px = *predict(truth, view, corner.point);
       add_noise(view.corners, o.noise_px,
                 stream(o.seed,
                        1000000 + static_cast<std::uint64_t>(cam) * 1000000 + static_cast<std::uint64_t>(i)));
