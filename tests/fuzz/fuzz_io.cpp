@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// One libFuzzer target for each reader; FUZZ_NAME says which. Besides not crashing, what was read must be
-// sound: our own files written again give the same text twice, and a rig that was read can be written by its
-// format or is refused.
+// One libFuzzer target for each reader; the name of the program (fuzz_vnl, fuzz_ros) says which. Besides not
+// crashing, what was read must be sound: our own files written again give the same text twice, and a rig that
+// was read can be written by its format or is refused.
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -49,11 +50,22 @@ void read_format(std::string_view name, std::string_view bytes) {
     }
   }
 }
+
+std::string reader_name;  // set once, before the first input
 }  // namespace
+
+extern "C" int LLVMFuzzerInitialize(int*, char*** argv) {
+  const std::string program = std::filesystem::path((*argv)[0]).filename().string();
+  reader_name = program.substr(program.find('_') + 1);
+  const bool known = reader_name == "target" || reader_name == "corners" || reader_name == "calibration" ||
+                     reader_name == "vnl" || reader_name == "any" || find_format(reader_name);
+  require(known);
+  return 0;
+}
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  const std::string_view name = FUZZ_NAME;
+  const std::string& name = reader_name;
   if (name == "target")
     read_twice(parse_target(text), format_target, parse_target);
   else if (name == "corners")
@@ -63,6 +75,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   else if (name == "vnl")
     (void)parse_vnl(text);
   else
-    read_format(name == "any" ? "" : name, text);
+    read_format(name == "any" ? std::string() : name, text);
   return 0;
 }
