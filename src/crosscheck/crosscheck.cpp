@@ -144,10 +144,11 @@ DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std:
 }
 
 // mrcal's optimum from where the problem stands. A splined lens keeps its core, as mrcal's own tools have it:
-// core and control points do the same thing.
+// core and control points do the same thing. It keeps mrcal's regularisation too, because many control points
+// see no corner.
 std::optional<double> solve(Problem& problem) {
   const bool splined = problem.model.type == MRCAL_LENSMODEL_SPLINED_STEREOGRAPHIC;
-  return detail::optimise(problem, {.core = !splined, .distortion = true});
+  return detail::optimise(problem, {.core = !splined, .regularise = splined, .max_rounds = splined ? 1 : 8});
 }
 
 Error refused(const std::string& where) {
@@ -227,8 +228,8 @@ std::optional<double> from_seed(const Calibration& cal, const Setup& setup, std:
     notes.push_back("the seed gives some views no pose; mrcal solves the others from it");
   }
   // As mrcal's own calibration tool goes: poses first, then the core, then everything.
-  if (!detail::optimise(problem, {.core = false, .distortion = false})) return std::nullopt;
-  if (!detail::optimise(problem, {.core = true, .distortion = false})) return std::nullopt;
+  if (!detail::optimise(problem, {.core = false, .distortion = false, .max_rounds = 1})) return std::nullopt;
+  if (!detail::optimise(problem, {.core = true, .distortion = false, .max_rounds = 1})) return std::nullopt;
   return solve(problem);
 }
 
