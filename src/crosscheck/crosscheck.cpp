@@ -161,7 +161,7 @@ DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std:
 // see no corner.
 std::optional<double> solve(Problem& problem) {
   const bool splined = problem.model.type == MRCAL_LENSMODEL_SPLINED_STEREOGRAPHIC;
-  return detail::optimise(problem, {.core = !splined, .regularise = splined, .max_rounds = splined ? 1 : 8});
+  return detail::optimise(problem, {.core = !splined, .regularise = splined, .max_rounds = splined ? 3 : 8});
 }
 
 Error refused(const std::string& where) {

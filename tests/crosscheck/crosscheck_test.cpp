@@ -141,7 +141,7 @@ TEST(Crosscheck, LensesOfSeveralKindsAreProjectedJointly) {
 TEST(Crosscheck, AFisheyeIsComparedWithTheSplinedLens) {
   for (double fov : {100.0, 170.0}) {
     SCOPED_TRACE(fov);
-    const auto check = crosscheck_mrcal(refined(simulated(board(), "kb4", 1, 0.02, fov)));
+    const auto check = crosscheck_mrcal(refined(simulated(board(), "kb4", 1, 0.1, fov)));
     ASSERT_TRUE(check) << check.error().text();
     const CameraCrosscheck& camera = check->cameras[0];
     EXPECT_THAT(camera.referee_lens, testing::StartsWith("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3"));
@@ -149,12 +149,19 @@ TEST(Crosscheck, AFisheyeIsComparedWithTheSplinedLens) {
                               " diff " + std::to_string(camera.diff_px.rms));
     EXPECT_LT(camera.referee_rms_px, camera.rms_px);
     EXPECT_GT(camera.referee_rms_px, 0.7 * camera.rms_px);
-    std::printf("kb4 %g: %g %g diff %g %g %g over %g\n", fov, camera.rms_px, camera.referee_rms_px, camera.diff_px.rms, camera.diff_px.p95, camera.diff_px.max, camera.diff_px.compared_fraction);
-    for (const std::string& note : check->notes) std::printf("%s\n", note.c_str());
-    EXPECT_LT(camera.diff_px.rms, 0.3);
+    // 240 control points on 980 corners follow the noise of 0.1 px, most where corners are few
+    EXPECT_LT(camera.diff_px.p95, 0.6);
     EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
     EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("mrcal has no lens kb4")));
   }
+}
+
+TEST(Crosscheck, APlantedErrorInAFisheyeShows) {
+  Calibration cal = refined(simulated(board(), "kb4", 1, 0.1, 140));
+  params(cal.rig.cameras[0].lens)[0] += 1;
+  const auto check = crosscheck_mrcal(cal);
+  ASSERT_TRUE(check) << check.error().text();
+  EXPECT_GT(check->rms_px, 1.5 * check->referee_rms_px);
 }
 
 TEST(Crosscheck, ACameraWithoutCornersIsNamed) {
