@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "crosscheck/naive_seed.hpp"
@@ -105,14 +106,14 @@ Calibration lone_optimum(const Calibration& cal, int cam, std::vector<std::strin
   return start;
 }
 
-// Where in the image of a camera there were corners: within a twentieth of the image's diagonal of one.
+// Where in the image of a camera there were corners: within 3 % of the image's diagonal of one.
 std::function<bool(const Vec2&)> near_corners(const Calibration& cal, int cam) {
   std::vector<Vec2> px;
   for_each_inlier(cal, [&](int c, const Vec3&, const Corner& corner) {
     if (c == cam) px.push_back(corner.px);
   });
   const ImageSize size = cal.rig.cameras[cam].size;
-  const double reach = 0.05 * std::hypot(size.width, size.height);
+  const double reach = 0.03 * std::hypot(size.width, size.height);
   return [px = std::move(px), reach](const Vec2& q) {
     for (const Vec2& p : px) {
       if ((p - q).squaredNorm() < reach * reach) return true;
@@ -132,22 +133,35 @@ std::optional<RefereeLens> referee_lens(const Calibration& cal, int cam) {
   return detail::fit_splined(camera, rays);
 }
 
+// How far the corners are from the camera [m], the median.
+double typical_distance(const Calibration& cal, int cam) {
+  std::vector<double> distances;
+  for_each_inlier(cal, [&](int c, const Vec3& p_cam, const Corner&) {
+    if (c == cam) distances.push_back(p_cam.norm());
+  });
+  std::nth_element(distances.begin(), distances.begin() + distances.size() / 2, distances.end());
+  return distances[distances.size() / 2];
+}
+
+// A splined lens can trade a motion of the camera for control points: the motion is taken out first.
 DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std::vector<std::string>& notes) {
   const Camera& camera = cal.rig.cameras[cam];
-  const bool same = detail::same_lens(camera.lens).has_value();
-  const auto diff =
-      compare_projection(camera, detail::projection_of(lens), same ? Align::kNone : Align::kRotation, 1.0,
-                         same ? std::function<bool(const Vec2&)>() : near_corners(cal, cam));
+  const Projection theirs = detail::projection_of(lens);
+  const auto diff = detail::same_lens(camera.lens)
+                        ? compare_projection(camera, theirs)
+                        : compare_projection(camera, theirs, Align::kPose, typical_distance(cal, cam),
+                                             near_corners(cal, cam));
   if (diff) return *diff;
   notes.push_back("projections not compared: " + diff.error().text());
   return {};
 }
 
 // mrcal's optimum from where the problem stands. A splined lens keeps its core, as mrcal's own tools have it:
-// core and control points do the same thing.
+// core and control points do the same thing. It keeps mrcal's regularisation too, because many control points
+// see no corner.
 std::optional<double> solve(Problem& problem) {
   const bool splined = problem.model.type == MRCAL_LENSMODEL_SPLINED_STEREOGRAPHIC;
-  return detail::optimise(problem, {.core = !splined, .distortion = true});
+  return detail::optimise(problem, {.core = !splined, .regularise = splined, .max_rounds = splined ? 3 : 8});
 }
 
 Error refused(const std::string& where) {
@@ -227,8 +241,8 @@ std::optional<double> from_seed(const Calibration& cal, const Setup& setup, std:
     notes.push_back("the seed gives some views no pose; mrcal solves the others from it");
   }
   // As mrcal's own calibration tool goes: poses first, then the core, then everything.
-  if (!detail::optimise(problem, {.core = false, .distortion = false})) return std::nullopt;
-  if (!detail::optimise(problem, {.core = true, .distortion = false})) return std::nullopt;
+  if (!detail::optimise(problem, {.core = false, .distortion = false, .max_rounds = 1})) return std::nullopt;
+  if (!detail::optimise(problem, {.core = true, .distortion = false, .max_rounds = 1})) return std::nullopt;
   return solve(problem);
 }
 

@@ -138,7 +138,7 @@ Problem make_problem(const Calibration& calibration, const Lattice& lattice,
   return problem;
 }
 
-std::optional<double> optimise(Problem& problem, Free free) {
+std::optional<double> optimise(Problem& problem, Solve solve) {
   const int n_cams = static_cast<int>(problem.intrinsics.size()),
             n_frames = static_cast<int>(problem.T_ref_board.size());
   const int n_obs = static_cast<int>(problem.observations.size());
@@ -150,10 +150,11 @@ std::optional<double> optimise(Problem& problem, Free free) {
   for (const SE3& T : problem.T_ref_board) frames.push_back(to_mrcal(T));
 
   mrcal_problem_selections_t selections{};
-  selections.do_optimize_intrinsics_core = free.core;
-  selections.do_optimize_intrinsics_distortions = free.distortion;
+  selections.do_optimize_intrinsics_core = solve.core;
+  selections.do_optimize_intrinsics_distortions = solve.distortion;
   selections.do_optimize_extrinsics = n_cams > 1;
   selections.do_optimize_frames = true;
+  selections.do_apply_regularization = solve.regularise;
   mrcal_problem_constants_t constants{};  // about free points, of which there are none
   constants.point_min_range = 1e-3;
   constants.point_max_range = 1e6;
@@ -161,8 +162,7 @@ std::optional<double> optimise(Problem& problem, Free free) {
                                          n_cams - 1, n_frames, 0, 0, selections, &problem.model);
   std::vector<double> x(n_x);
   double rms = INFINITY;
-  // mrcal stops on thresholds of its own; starting again from where it stopped takes it to the bottom.
-  for (int round = 0; round < 8; ++round) {
+  for (int round = 0; round < solve.max_rounds; ++round) {
     const mrcal_stats_t stats = mrcal_optimize(
         nullptr, 0, x.data(), n_x * static_cast<int>(sizeof(double)), intrinsics.data(), extrinsics.data(),
         frames.data(), nullptr, nullptr, n_cams, n_cams - 1, n_frames, 0, 0, problem.observations.data(),

@@ -53,14 +53,16 @@ struct Problem {
 Problem make_problem(const Calibration& calibration, const Lattice& lattice,
                      const std::vector<RefereeLens>& lenses, bool use_sigma);
 
-/// What mrcal_optimize may change.
-struct Free {
-  bool core = true, distortion = true;
+/// What mrcal_optimize may change, and whether its regularisation is on (needed for a splined lens, whose
+/// control points beyond the corners nothing else holds).
+struct Solve {
+  bool core = true, distortion = true, regularise = false;
+  int max_rounds = 8;  ///< mrcal stops on thresholds of its own; the next round starts where it stopped
 };
 
-/// Runs mrcal_optimize from the problem's state and leaves the optimum there, without regularisation, outlier
-/// rejection and board warp, again and again until the error no longer falls. rms_px over the inlier corners,
-/// not weighted; nullopt when mrcal fails.
-std::optional<double> optimise(Problem& problem, Free free = {});
+/// Runs mrcal_optimize from the problem's state and leaves the optimum there, without outlier rejection and
+/// board warp, again and again until the error no longer falls. rms_px over the inlier corners, not weighted;
+/// nullopt when mrcal fails.
+std::optional<double> optimise(Problem& problem, Solve solve = {});
 
 }  // namespace plumbline::detail

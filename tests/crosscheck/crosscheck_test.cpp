@@ -149,10 +149,19 @@ TEST(Crosscheck, AFisheyeIsComparedWithTheSplinedLens) {
                               " diff " + std::to_string(camera.diff_px.rms));
     EXPECT_LT(camera.referee_rms_px, camera.rms_px);
     EXPECT_GT(camera.referee_rms_px, 0.7 * camera.rms_px);
-    EXPECT_LT(camera.diff_px.rms, 0.3);
+    // 240 control points on 980 corners follow the noise of 0.1 px, most where corners are few
+    EXPECT_LT(camera.diff_px.p95, 0.6);
     EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
     EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("mrcal has no lens kb4")));
   }
+}
+
+TEST(Crosscheck, APlantedErrorInAFisheyeShows) {
+  Calibration cal = refined(simulated(board(), "kb4", 1, 0.1, 140));
+  params(cal.rig.cameras[0].lens)[0] += 1;
+  const auto check = crosscheck_mrcal(cal);
+  ASSERT_TRUE(check) << check.error().text();
+  EXPECT_GT(check->rms_px, 1.5 * check->referee_rms_px);
 }
 
 TEST(Crosscheck, ACameraWithoutCornersIsNamed) {

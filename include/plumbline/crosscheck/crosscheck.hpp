@@ -16,7 +16,8 @@ struct CameraCrosscheck {
       referee_lens;  ///< "LENSMODEL_OPENCV5"; for a lens that mrcal lacks, the one fitted to it; may be empty
   double rms_px = 0, referee_rms_px = 0;  ///< this camera ALONE: ours and mrcal's optimum on the same corners
   DiffPx diff_px;  ///< projection difference of the two lone optima over the image; for a fitted lens over
-                   ///< the part of the image near corners, after the rotation that fits best
+                   ///< the part of the image within 3 % of its diagonal of a corner, after the motion
+                   ///< of the camera that fits best at the corners' median distance
   std::vector<double> parameters, referee_parameters;  ///< of the two lone optima
   DiffPx joint_diff_px;  ///< of the two joint optima, likewise; all 0 when there is no joint solve to compare
 };
