@@ -252,7 +252,7 @@ bool is_half_turn_symmetric(const TargetSpec& spec) {
   // A half turn maps the square right of and below the first corner to the one left of and above the last:
   // the colours agree when columns + rows is even.
   if (const auto* b = std::get_if<Chessboard>(&spec)) return (b->columns + b->rows) % 2 == 0;
-  if (const auto* b = std::get_if<Circles>(&spec)) return !b->asymmetric || b->rows % 2 == 1;
+  if (const auto* b = std::get_if<Circles>(&spec)) return !b->asymmetric || b->rows % 2 == 0;
   return false;
 }
 
