@@ -31,7 +31,7 @@ Status write_file(const std::filesystem::path& file, std::string_view bytes, boo
 class OutputDir {
  public:
   /// kIo when the directory exists and `force` is not set, when it is a file, when it is the working
-  /// directory or above it, or when its parent does not exist or cannot be written.
+  /// directory or above it, or when its parent cannot be written. Missing parents are made at once, and stay.
   static Result<OutputDir> create(const std::filesystem::path& directory, bool force);
   OutputDir(OutputDir&&) noexcept;
   OutputDir& operator=(OutputDir&&) noexcept;
