@@ -15,7 +15,7 @@ A generated table:                                    Commands with their output
 
 The commands of all run blocks run one after the other in one empty folder, in which `img` holds the demo photographs
 (PLUMBLINE_DEMO_IMAGES). Without them the run blocks are skipped. In the check, numbers may differ by 1e-3 of
-themselves (other processors round differently) and durations by anything; the words may not differ.
+themselves (other processors round differently), numbers under 1e-6 and durations by anything; the words may not differ.
 """
 import argparse
 import difflib
@@ -55,7 +55,7 @@ def same(old, new):
     if NUMBER.sub("#", old) != NUMBER.sub("#", new):
         return False
     pairs = zip(map(float, NUMBER.findall(old)), map(float, NUMBER.findall(new)))
-    return all(abs(a - b) <= 1e-3 * max(abs(a), abs(b)) for a, b in pairs)
+    return all(abs(a - b) <= max(1e-6, 1e-3 * max(abs(a), abs(b))) for a, b in pairs)
 
 
 def main():
