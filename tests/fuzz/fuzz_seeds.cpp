@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes the seeds: DIR/<target>/<n>, in every shape that our own writers know.
+// Writes the seeds: DIR/fuzz_<target>/seed<n>, in every shape that our own writers know.
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <map>
 
 #include "io/example.hpp"
 #include "plumbline/io/calibration_io.hpp"
@@ -14,12 +15,12 @@ namespace {
 using namespace plumbline;
 
 std::filesystem::path root;
+std::map<std::string, int> n_seeds;
 
 void seed(const std::string& target, const std::string& bytes) {
-  const auto dir = root / target;
+  const auto dir = root / ("fuzz_" + target);
   std::filesystem::create_directories(dir);
-  int n = 0;
-  while (std::filesystem::exists(dir / ("seed" + std::to_string(n)))) ++n;
+  const int n = n_seeds[target]++;
   std::ofstream(dir / ("seed" + std::to_string(n)), std::ios::binary) << bytes;
 }
 
