@@ -131,7 +131,10 @@ TEST(Crosscheck, LensesOfSeveralKindsAreProjectedJointly) {
   const auto check = crosscheck_mrcal(refined(cal));
   ASSERT_TRUE(check) << check.error().text();
   EXPECT_EQ(check->cameras[1].referee_lens, "LENSMODEL_OPENCV8");
-  EXPECT_NEAR(check->cameras[1].rms_px, check->cameras[1].referee_rms_px, 1e-4);  // opencv8's flat valley
+  // Three of the eight distortion numbers are superfluous here, and along the flat valley mrcal from the seed
+  // ends lower.
+  EXPECT_NEAR(check->cameras[1].rms_px, check->cameras[1].referee_rms_px, 5e-4);
+  EXPECT_LE(check->cameras[1].referee_rms_px, check->cameras[1].rms_px + 1e-6);
   EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-9);
   EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("this rig has several")));
 }
