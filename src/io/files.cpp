@@ -208,8 +208,13 @@ Result<OutputDir> OutputDir::create(const fs::path& directory, bool force) {
   OutputDir output;
   output.final_ = final;
   output.force_ = force;
-  // The parents that are not there yet are made too, as mkdir -p does.
+  // The parents that are not there yet are made too, as mkdir -p does, and vanish again with a run that
+  // fails.
   std::error_code error;
+  for (fs::path parent = final.parent_path(); !parent.empty() && !fs::exists(parent, error);
+       parent = parent.parent_path()) {
+    output.made_parents_.push_back(parent);
+  }
   if (final.has_parent_path()) fs::create_directories(final.parent_path(), error);
   if (error) return io_error(directory, "cannot be made: " + error.message());
   const auto temporary =
@@ -222,6 +227,7 @@ Result<OutputDir> OutputDir::create(const fs::path& directory, bool force) {
 OutputDir::OutputDir(OutputDir&& other) noexcept
     : temporary_(std::exchange(other.temporary_, {})),
       final_(std::move(other.final_)),
+      made_parents_(std::exchange(other.made_parents_, {})),
       force_(other.force_) {}
 
 OutputDir& OutputDir::operator=(OutputDir&& other) noexcept {
@@ -229,6 +235,7 @@ OutputDir& OutputDir::operator=(OutputDir&& other) noexcept {
   discard();
   temporary_ = std::exchange(other.temporary_, {});
   final_ = std::move(other.final_);
+  made_parents_ = std::exchange(other.made_parents_, {});
   force_ = other.force_;
   return *this;
 }
@@ -239,6 +246,8 @@ void OutputDir::discard() noexcept {
   std::error_code ignored;
   if (!temporary_.empty()) fs::remove_all(temporary_, ignored);
   temporary_.clear();
+  for (const fs::path& parent : made_parents_) fs::remove(parent, ignored);  // only where it is empty
+  made_parents_.clear();
 }
 
 Status OutputDir::write(const std::string& name, std::string_view bytes) const {
@@ -267,6 +276,7 @@ Status OutputDir::commit() {
   if (error == EEXIST) return io_error(final_, kExists);
   if (error != 0) return io_error(final_, "cannot be put in its place: " + reason(error));
   temporary_.clear();
+  made_parents_.clear();
   return {};
 }
 

@@ -206,6 +206,14 @@ TEST(OutputDir, MakesParentsThatAreNotThere) {
   EXPECT_EQ(read_text(dir / "a" / "b" / "out" / "x.txt"), "x");
 }
 
+TEST(OutputDir, TakesParentsItMadeWithItWhenNothingIsCommitted) {
+  const TempDir dir;
+  fs::create_directory(dir / "mine");
+  { ASSERT_TRUE(OutputDir::create(dir / "mine" / "a" / "b" / "out", false)); }
+  EXPECT_FALSE(fs::exists(dir / "mine" / "a"));
+  EXPECT_TRUE(fs::exists(dir / "mine"));
+}
+
 TEST(OutputDir, RefusesPlacesThatCannotBe) {
   const TempDir dir;
   write_text(dir / "file", "x");

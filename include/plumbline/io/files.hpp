@@ -31,7 +31,8 @@ Status write_file(const std::filesystem::path& file, std::string_view bytes, boo
 class OutputDir {
  public:
   /// kIo when the directory exists and `force` is not set, when it is a file, when it is the working
-  /// directory or above it, or when its parent cannot be written. Missing parents are made at once, and stay.
+  /// directory or above it, or when its parent cannot be written. Missing parents are made too, and vanish
+  /// again without commit().
   static Result<OutputDir> create(const std::filesystem::path& directory, bool force);
   OutputDir(OutputDir&&) noexcept;
   OutputDir& operator=(OutputDir&&) noexcept;
@@ -47,6 +48,7 @@ class OutputDir {
   OutputDir() = default;
   void discard() noexcept;
   std::filesystem::path temporary_, final_;
+  std::vector<std::filesystem::path> made_parents_;  // deepest first
   bool force_ = false;
 };
 
