@@ -192,7 +192,6 @@ TEST(DetectData, CircleCentresOfOpenCv) {
       }
       sum += nearest;
     }
-    fmt::print("circles{}: mean distance {:.3f}\\n", i, sum / d->corners.size());
     EXPECT_LT(sum / static_cast<double>(d->corners.size()), 0.3) << i;
   }
 }
