@@ -69,6 +69,8 @@ void draw_legend(cairo_t* cr, const BoardDrawing& board, const Vec2& page_mm) {
     cairo_line_to(cr, left + mm, foot - (mm % 50 == 0 ? 2.0 : 1.2));
   }
   cairo_stroke(cr);
+  // The loops of letters are circles too for a finder of circle grids; those boards carry the ruler only.
+  if (!board.discs.empty()) return;
 
   const std::string text = fmt::format("{}: {}; this ruler: 100 mm", board.name, board.note);
   const double height =
