@@ -23,12 +23,11 @@ def write_vnl(path, images):
                     out.write(f"{name} 0 0 -\n")
 
 
-def _yac(folder, out, every=1, first=None):
+def _yac(folder, out, frames):
+    """yac's CSV of an AprilGrid: tag_id * 4 + corner is our numbering too (Kalibr's)."""
     images = []
     for cam in ("cam0", "cam1"):
-        files = sorted(glob.glob(os.path.join(folder, cam, "*.csv")))
-        files = files[:first][::every]
-        for file in files:
+        for file in sorted(glob.glob(os.path.join(folder, cam, "*.csv")))[frames]:
             corners = {}
             for row in csv.reader(open(file)):
                 if row and not row[0].startswith("#"):
@@ -38,12 +37,11 @@ def _yac(folder, out, every=1, first=None):
 
 
 def yac_frames(root, spec, out):
-    """yac's CSV of an AprilGrid: tag_id * 4 + corner is our numbering too (Kalibr's)."""
-    _yac(os.path.join(root, spec["folder"]), out)
+    _yac(os.path.join(root, spec["folder"]), out, slice(None))
 
 
-def yac_consecutive(root, spec, out):
-    _yac(os.path.join(root, spec["folder"]), out, first=30)
+def yac_half_second(root, spec, out):
+    _yac(os.path.join(root, spec["folder"]), out, slice(260, 270))
 
 
 def vnl(root, spec, out):
