@@ -98,25 +98,28 @@ Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& ca
   return all;
 }
 
-Result<Target> load_target(const fs::path& file) {
+namespace {
+// Reads and parses one file; the file's name stands in front of what is wrong with it.
+template <class T>
+Result<T> load(const fs::path& file, Result<T> (*parse)(std::string_view)) {
   auto text = read_file(file);
   if (!text) return text.error();
-  auto target = parse_target(*text);
-  if (target) return target;
-  Error error = target.error();
+  auto parsed = parse(*text);
+  if (parsed) return parsed;
+  Error error = parsed.error();
   error.where = file.string() + (error.where.empty() ? "" : ": " + error.where);
   return error;
 }
+}  // namespace
+
+Result<Target> load_target(const fs::path& file) { return load(file, parse_target); }
+
+Result<Dataset> load_corners_yaml(const fs::path& file) { return load(file, parse_corners); }
+
+Result<std::vector<VnlImage>> load_vnl_file(const fs::path& file) { return load(file, parse_vnl); }
 
 Result<Calibration> load_calibration(const fs::path& file) {
-  const fs::path path = fs::is_directory(file) ? file / "calibration.yaml" : file;
-  auto text = read_file(path);
-  if (!text) return text.error();
-  auto calibration = parse_calibration(*text);
-  if (calibration) return calibration;
-  Error error = calibration.error();
-  error.where = path.string() + (error.where.empty() ? "" : ": " + error.where);
-  return error;
+  return load(fs::is_directory(file) ? file / "calibration.yaml" : file, parse_calibration);
 }
 
 Result<Rig> load_rig(const std::vector<std::string>& paths, const std::string& format) {

@@ -10,6 +10,7 @@
 #include "commands.hpp"
 #include "plumbline/core/result.hpp"
 #include "plumbline/detect/detect.hpp"
+#include "plumbline/io/dataset_io.hpp"
 #include "plumbline/rig/calibration.hpp"
 
 /// What the subcommands share: reading their inputs, printing results, errors and progress.
@@ -40,6 +41,10 @@ Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& ca
 
 /// A target file (ours or Kalibr's).
 Result<Target> load_target(const std::filesystem::path& file);
+
+/// A corners.yaml of ours, and the images of a corners.vnl.
+Result<Dataset> load_corners_yaml(const std::filesystem::path& file);
+Result<std::vector<VnlImage>> load_vnl_file(const std::filesystem::path& file);
 
 /// A calibration.yaml with everything in it.
 Result<Calibration> load_calibration(const std::filesystem::path& file);

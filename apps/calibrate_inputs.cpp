@@ -35,14 +35,8 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
   if (!target) return target.error();
   data.target = *std::move(target);
   data.detector = "corners read from a .vnl file";
-  auto text = read_file(in.corners);
-  if (!text) return text.error();
-  auto images = parse_vnl(*text);
-  if (!images) {
-    Error error = images.error();
-    error.where = in.corners + (error.where.empty() ? "" : ": " + error.where);
-    return error;
-  }
+  auto images = load_vnl_file(in.corners);
+  if (!images) return images.error();
   std::sort(images->begin(), images->end(),
             [](const VnlImage& a, const VnlImage& b) { return natural_less(a.filename, b.filename); });
   const std::vector<CamArg> cams =
@@ -78,11 +72,7 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
   if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);
   if (!in.cams.empty())
     usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
-  auto data = parse_corners(*text);
-  if (data) return data;
-  Error error = data.error();
-  error.where = in.corners + (error.where.empty() ? "" : ": " + error.where);
-  return error;
+  return load_corners_yaml(in.corners);
 }
 
 }  // namespace
