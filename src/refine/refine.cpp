@@ -211,6 +211,16 @@ Result<std::vector<Lens>> starting_lenses(const Dataset& data, const std::vector
   return lenses;
 }
 
+// What the seed says of a lens that is too simple, first: it makes the other warnings moot.
+void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
+  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  for (WeakDirection& weak : lean) {
+    const auto i = std::find(names.begin(), names.end(), weak.parameters) - names.begin();
+    weak.sigma = std::sqrt((*cal.covariance)(i, i));
+  }
+  cal.stats.weak.insert(cal.stats.weak.begin(), lean.begin(), lean.end());
+}
+
 }  // namespace
 
 Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options) {
@@ -232,6 +242,7 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
 
   std::vector<MonoData> parts;
   std::vector<Calibration> monos;
+  std::vector<WeakDirection> lean;
   std::size_t offset = 0;
   for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
     parts.push_back(mono_data(data, static_cast<int>(cam)));
@@ -240,13 +251,16 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
     offset += n;
     auto mono = seed_camera(parts[cam].data, std::string(lens_name((*lenses)[cam])), options, held_mono);
     if (!mono) return mono.error();
+    lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
   }
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
   if (auto status = enough_views(*seed); !status) return status.error();
-  return finish(*std::move(seed), options, *held, true);
+  auto cal = finish(*std::move(seed), options, *held, true);
+  if (cal) add_lean(*cal, lean);
+  return cal;
 }
 
 Result<Calibration> refine(const Calibration& start, const RefineOptions& options) {

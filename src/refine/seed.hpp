@@ -38,6 +38,14 @@ double score_px(const Calibration& calibration);
 std::vector<Lens> starting_lenses(const Dataset& subset, const std::string& lens_name, Start start,
                                   bool centre_held);
 
+/// The perspective lens whose radial profile is nearest to a fisheye's over the rays at angles `theta` [rad]
+/// from the axis, by linear least squares in tan^2(theta); the same centre and focal lengths, no tangential
+/// terms. Rays that no lens of this name can follow without folding are left outside its domain.
+/// \param held  parameters of the lens that stay as make_lens() gives them, or empty
+/// \returns nullopt for an unknown name
+std::optional<Lens> perspective_like(const Lens& fisheye, const std::string& lens_name, ImageSize size,
+                                     const std::vector<double>& theta, const std::vector<bool>& held);
+
 /// Scale for a robust loss from the residuals of all corners that take part: three robust standard
 /// deviations.
 double robust_scale_px(const Calibration& calibration);

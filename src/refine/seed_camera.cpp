@@ -115,49 +115,55 @@ std::optional<Calibration> best_on_subset(const Dataset& subset, const std::stri
   return best;
 }
 
-// A wide image and a perspective lens: on the way from no distortion to much, the polynomial folds the rim of
-// the image back, the domain stops the solver there, and a wrong valley is left. A fisheye lens has no such
-// wall. So calibrate as a fisheye, keep its board poses, fit the wanted lens to them alone (nearly a linear
-// problem), and go on from there.
-std::optional<Calibration> by_way_of_fisheye(const Dataset& subset, const std::string& lens_name,
-                                             const RefineOptions& options, const std::vector<bool>& held) {
-  constexpr double kWidestDeg = 75;  // beyond, tan grows so fast that a few corners would decide the fit
-  std::vector<bool> held_fisheye(8, false);
-  std::copy_n(held.begin(), 4, held_fisheye.begin());
-  auto cal = best_on_subset(subset, "kb4", options, held_fisheye);
-  if (!cal) return std::nullopt;
-  const auto k_fisheye = params(cal->rig.cameras[0].lens);
-  auto lens = make_lens(lens_name, subset.cameras[0].size, k_fisheye[0]);
-  if (!lens) return std::nullopt;
-  std::copy_n(k_fisheye.begin() + 1, 3, params(*lens).begin() + 1);
-  cal->rig.cameras[0].lens = *lens;
-  bring_back(*cal);
-  for (std::size_t v = 0; v < cal->fits.size(); ++v) {
-    if (!takes_part(*cal, v)) continue;
-    const View& view = cal->data.views[v];
-    for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      const Vec3 p_cam = *cal->T_rig_board[view.frame] * cal->data.target.points[view.corners[i].point];
-      const double from_axis_deg = 180 / std::numbers::pi * std::atan2(p_cam.head<2>().norm(), p_cam.z());
-      if (from_axis_deg > kWidestDeg) cal->fits[v][i].outlier = true;
-    }
-  }
-  const SolveSpec lens_only{.max_iterations = 50, .tight = false, .held = held, .hold_boards = true};
-  if (!solve(*cal, lens_only).usable) return std::nullopt;
-  pose_views(*cal);
-  if (!polish(*cal, 2, held)) return std::nullopt;
-  return cal;
-}
-
-// All views, from the lens that the subset gave.
-Calibration on_all_views(const Dataset& mono, const Lens& lens, const std::vector<bool>& held) {
-  Calibration cal = start_from(mono, lens);
-  for (int round = 0; round < 2; ++round) {
+// Some rounds of a solve of everything; corners that left the domain come back after each.
+Calibration settle(Calibration cal, int n_rounds, const std::vector<bool>& held) {
+  pose_views(cal);
+  for (int round = 0; round < n_rounds; ++round) {
     Calibration trial = cal;
     if (!solve(trial, seed_spec(cal, 2, 60, held)).usable) break;
     cal = std::move(trial);
     pose_views(cal);
   }
   return cal;
+}
+
+// All views, from the lens that the subset gave.
+Calibration on_all_views(const Dataset& mono, const Lens& lens, const std::vector<bool>& held) {
+  return settle(start_from(mono, lens), 2, held);
+}
+
+// Angles from the optical axis of the corners that take part [rad].
+std::vector<double> angles_off_axis(const Calibration& cal) {
+  std::vector<double> angles;
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      if (cal.fits[v][i].outlier) continue;
+      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.target.points[view.corners[i].point];
+      angles.push_back(std::atan2(p_cam.head<2>().norm(), p_cam.z()));
+    }
+  }
+  return angles;
+}
+
+// A wide image and a perspective lens: on the way from no distortion to much, the polynomial folds the rim of
+// the image back, the domain stops the solver there, and a wrong valley is left. A fisheye lens has no such
+// wall. So take the fisheye calibration of all views, convert its lens, keep its board poses for a first
+// solve of the lens alone, and go on from there.
+std::optional<Calibration> by_way_of_fisheye(const Calibration& fisheye, const std::string& lens_name,
+                                             const std::vector<bool>& held) {
+  Calibration cal = fisheye;
+  const Camera& camera = fisheye.rig.cameras[0];
+  const auto lens = perspective_like(camera.lens, lens_name, camera.size, angles_off_axis(fisheye), held);
+  if (!lens) return std::nullopt;
+  cal.rig.cameras[0].lens = *lens;
+  bring_back(cal);
+  Calibration trial = cal;
+  SolveSpec lens_only = seed_spec(cal, 2, 50, held);
+  lens_only.hold_boards = true;
+  if (solve(trial, lens_only).usable && score_px(trial) < score_px(cal)) cal = std::move(trial);
+  return settle(std::move(cal), 3, held);
 }
 
 // Whether the seed may sit in a wrong valley: it does not fit well, has corners outside its domain, or sees
@@ -177,22 +183,46 @@ bool is_doubtful(const Calibration& cal) {
   return false;
 }
 
+// The best calibration of the subset, carried on to all views.
+std::optional<Calibration> calibrate_on(const Dataset& mono, const Dataset& subset,
+                                        const std::string& lens_name, const RefineOptions& options,
+                                        const std::vector<bool>& held) {
+  const auto on_subset = best_on_subset(subset, lens_name, options, held);
+  if (!on_subset) return std::nullopt;
+  return on_all_views(mono, on_subset->rig.cameras[0].lens, held);
+}
+
+// Both lenses were fitted to the same corners, so that a large difference between them is the lens' fault and
+// not that of the board or the corner finder.
+void warn_of_lean_lens(Calibration& cal, const Calibration& fisheye) {
+  constexpr double kTimesWorse = 3, kLeastPx = 1;
+  const double lean_px = score_px(cal), fisheye_px = score_px(fisheye);
+  if (!(lean_px > kLeastPx) || !(lean_px > kTimesWorse * fisheye_px)) return;
+  const Camera& camera = cal.rig.cameras[0];
+  cal.stats.weak.push_back(
+      {camera.name + " fx", 0,
+       fmt::format(
+           "lens {} cannot describe camera {}: over all its corners it leaves {:.2g} px where lens kb4 "
+           "leaves {:.2g} px; choose kb4, or a perspective lens with more terms",
+           lens_name(camera.lens), camera.name, lean_px, fisheye_px)});
+}
+
 }  // namespace
 
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
                                 const RefineOptions& options, const std::vector<bool>& held) {
   const ImageSize size = mono.cameras[0].size;
   const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
-  std::optional<Calibration> best;
-  const auto consider = [&](const std::optional<Calibration>& on_subset) {
-    if (!on_subset) return;
-    Calibration cal = on_all_views(mono, on_subset->rig.cameras[0].lens, held);
-    if (!best || score_px(cal) < score_px(*best)) best = std::move(cal);
-  };
-  consider(best_on_subset(subset, lens_name, options, held));
+  std::optional<Calibration> best = calibrate_on(mono, subset, lens_name, options, held);
   const auto plain = make_lens(lens_name, size, size.width);
   if (plain && is_central_perspective(*plain) && (!best || is_doubtful(*best))) {
-    consider(by_way_of_fisheye(subset, lens_name, options, held));
+    std::vector<bool> held_fisheye(8, false);
+    std::copy_n(held.begin(), 4, held_fisheye.begin());
+    if (const auto fisheye = calibrate_on(mono, subset, "kb4", options, held_fisheye)) {
+      auto cal = by_way_of_fisheye(*fisheye, lens_name, held);
+      if (cal && (!best || score_px(*cal) < score_px(*best))) best = std::move(cal);
+      if (best) warn_of_lean_lens(*best, *fisheye);
+    }
   }
   if (!best) {
     return Error{

@@ -50,6 +50,8 @@ struct Scene {
   double max_tilt_deg = 45;
   TargetSpec target = Chessboard{.columns = 9, .rows = 6, .square_m = 0.025};
   std::uint64_t seed = 1;
+  double widest_tan =
+      1.2;  ///< of the angle off the axis, beyond which no corner is seen (fisheyes: no limit)
 };
 
 inline SE3 random_board_pose(const Scene& scene, const Target& target, Rng& rng) {
@@ -105,7 +107,7 @@ inline Simulation simulate(const Scene& scene) {
           continue;
         // The image of a polynomial lens folds back far outside; those points are not seen.
         const bool wide = lens_name(scene.lenses[cam]) == "kb4";
-        if (!wide && p_cam.head<2>().norm() > 1.2 * p_cam.z()) continue;
+        if (!wide && p_cam.head<2>().norm() > scene.widest_tan * p_cam.z()) continue;
         view.corners.push_back({id, *px, 1.0});
         points.push_back(p_cam);
       }
