@@ -22,7 +22,10 @@ namespace plumbline::apps {
 namespace fs = std::filesystem;
 
 void on_run(CLI::App& app, int& exit_code, std::function<Result<int>()> body) {
-  const std::string name = app.get_name();
+  // "target new" for a subcommand of a subcommand; the program itself has no name of its own to add.
+  const CLI::App* parent = app.get_parent();
+  const bool nested = parent && parent->get_parent();
+  const std::string name = nested ? parent->get_name() + " " + app.get_name() : app.get_name();
   app.callback([name, &exit_code, body = std::move(body)] {
     auto result = body();
     if (result) {
@@ -162,14 +165,44 @@ Status check_output(const fs::path& output, const Common& common) {
                output.string()};
 }
 
-ImageSize parse_size(const std::string& text, const std::string& option) {
+CLI::Validator positive() {
+  return {[](const std::string& text) {
+            const auto value = parse_double(text);
+            return value && *value > 0 ? std::string()
+                                       : fmt::format("{} is not a finite number above 0", text);
+          },
+          "POSITIVE"};
+}
+
+CLI::Validator between(double low, double high) {
+  return {[low, high](const std::string& text) {
+            const auto value = parse_double(text);
+            return value && *value >= low && *value <= high
+                       ? std::string()
+                       : fmt::format("{} is not a number from {} to {}", text, low, high);
+          },
+          fmt::format("{}..{}", low, high)};
+}
+
+namespace {
+std::optional<ImageSize> two_numbers(const std::string& text) {
   const auto pieces = split(text, 'x');
-  if (pieces.size() == 2) {
-    const auto width = parse_int(pieces[0]), height = parse_int(pieces[1]);
-    if (width && height && *width > 0 && *height > 0 && *width <= 100000 && *height <= 100000)
-      return {*width, *height};
-  }
+  if (pieces.size() != 2) return std::nullopt;
+  const auto width = parse_int(pieces[0]), height = parse_int(pieces[1]);
+  if (!width || !height || *width <= 0 || *height <= 0 || *width > 100000 || *height > 100000)
+    return std::nullopt;
+  return ImageSize{*width, *height};
+}
+}  // namespace
+
+ImageSize parse_size(const std::string& text, const std::string& option) {
+  if (const auto size = two_numbers(text)) return *size;
   usage_error(fmt::format("{} {}: WIDTHxHEIGHT in pixels is needed, for example 640x480", option, text));
+}
+
+ImageSize parse_counts(const std::string& text, const std::string& option) {
+  if (const auto counts = two_numbers(text)) return *counts;
+  usage_error(fmt::format("{} {}: COLUMNSxROWS is needed, for example 9x6", option, text));
 }
 
 namespace {
@@ -229,9 +262,9 @@ void Progress::operator()(int done, int all) {
     state_->shown = true;
     return;
   }
-  // Into a file or a pipe: a line every few seconds, and none for what is quickly done.
+  // Into a file or a pipe: a line every ten seconds, and none for what is quickly done.
   const auto now = std::chrono::steady_clock::now();
-  if (now - state_->last_line < std::chrono::seconds(3)) return;
+  if (now - state_->last_line < std::chrono::seconds(10)) return;
   fmt::print(stderr, "{}: {} of {}, about {:.0f} s left\n", state_->what, done, all, left_s);
   state_->last_line = now;
 }

@@ -55,8 +55,15 @@ Result<Rig> load_rig(const std::vector<std::string>& paths, const std::string& f
 /// Fails early, before hours of work, when -o exists and --force is not given.
 Status check_output(const std::filesystem::path& output, const Common& common);
 
+/// Checks of options: a finite number above 0, and one between two bounds. CLI11's own let NaN through.
+CLI::Validator positive();
+CLI::Validator between(double low, double high);
+
 /// "640x480" -> size; usage error otherwise.
 ImageSize parse_size(const std::string& text, const std::string& option);
+
+/// "9x6" -> columns and rows; usage error otherwise.
+ImageSize parse_counts(const std::string& text, const std::string& option);
 
 /// Writes files into a folder that appears whole or not at all.
 Status write_folder(const std::filesystem::path& folder, bool force,

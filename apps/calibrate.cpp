@@ -43,6 +43,7 @@ Result<int> run(const Options& o, const Common& common) {
   const auto seconds_since = [](Clock::time_point t) {
     return std::chrono::duration<double>(Clock::now() - t).count();
   };
+  check_usage(o.inputs);
   if (Status s = check_output(o.output, common); !s) return s.error();
   const auto start = Clock::now();
   auto data = load_observations(o.inputs, common);
@@ -73,6 +74,9 @@ Result<int> run(const Options& o, const Common& common) {
   if (missed)
     text += fmt::format("quality gate missed: rms {:.4f} px is above --max-rms {} px\n",
                         calibration->stats.rms_px, o.max_rms_px);
+  for (const WeakDirection& w : calibration->stats.weak) {
+    fmt::print(stderr, "plumbline calibrate: WEAK: {}: {}\n", w.parameters, w.consequence);
+  }
   if (Status s = print_result(common, json, text); !s) return s.error();
   return missed ? kGateMissed : kDone;
 }
@@ -88,18 +92,17 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
       ->check(CLI::IsMember({"auto", "zhang", "dlt"}));
   app.add_option("--loss", o->loss, "squared, huber or cauchy")
       ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
-  app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")
-      ->check(CLI::PositiveNumber);
+  app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")->check(positive());
   app.add_option("--outliers", o->outliers, "auto: corners far off are left out; off: all corners are used")
       ->check(CLI::IsMember({"auto", "off"}));
   app.add_option("--outlier-sigma", o->outlier_sigma, "how far off, in robust standard deviations")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   app.add_option("--fix", o->fixed,
                  "hold parameters: k3 (every camera) or 'left fx'; several separated by commas")
       ->delimiter(',');
   app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
   app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   app.add_option("-o,--output", o->output, "folder for calibration.yaml and corners.yaml")->required();
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }

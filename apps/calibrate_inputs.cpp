@@ -44,10 +44,19 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
   std::map<std::string, int> frame_of;
   for (std::size_t cam = 0; cam < cams.size(); ++cam) {
     data.cameras.push_back({cams[cam].name, parse_size(in.image_size, "--image-size")});
+    const int n_points = static_cast<int>(data.target.points.size());
     int n_matched = 0;
     for (const VnlImage& image : *images) {
       auto key = glob_key(cams[cam].pattern, image.filename);
       if (!key) continue;
+      if (image.n_rows != n_points && !(image.n_rows == 1 && image.corners.empty())) {
+        return Error{
+            ErrorCode::kInvalidData,
+            fmt::format("{} rows, the target {} has {} points; every image needs a row for each, or a lone "
+                        "'NAME - - -'",
+                        image.n_rows, data.target.name, n_points),
+            in.corners + ": " + image.filename};
+      }
       if (in.pair_by == "order") key = fmt::format("{}", n_matched);
       add_view(data, frame_of, static_cast<int>(cam), *key, image);
       ++n_matched;
@@ -72,10 +81,25 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
   if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);
   if (!in.cams.empty())
     usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
-  return load_corners_yaml(in.corners);
+  auto data = load_corners_yaml(in.corners);
+  if (!data || in.target.empty()) return data;
+  auto target = load_target(in.target);
+  if (!target) return target.error();
+  if (target->spec == data->target.spec) return data;
+  return Error{
+      ErrorCode::kInvalidData,
+      fmt::format("the corners were taken of target {}, --target is {}; leave --target away, or detect again",
+                  data->target.name, target->name),
+      in.corners};
 }
 
 }  // namespace
+
+void check_usage(const CalibrateInputs& in) {
+  if (in.corners.empty() && (in.target.empty() || in.cams.empty())) {
+    usage_error("either --target and --cam, or --corners is needed");
+  }
+}
 
 void add_input_options(CLI::App& app, CalibrateInputs& in) {
   app.add_option("--target", in.target, "target file, ours or Kalibr's");
@@ -89,7 +113,6 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  if (in.target.empty() || in.cams.empty()) usage_error("either --target and --cam, or --corners is needed");
   auto target = load_target(in.target);
   if (!target) return target.error();
   auto images = find_images(in.cams, in.pair_by == "order");

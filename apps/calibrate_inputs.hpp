@@ -14,6 +14,8 @@ struct CalibrateInputs {
   std::vector<std::string> cams;
 };
 
+/// Wrong usage of the options together, before any file is touched.
+void check_usage(const CalibrateInputs& inputs);
 void add_input_options(CLI::App& app, CalibrateInputs& inputs);
 Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common);
 

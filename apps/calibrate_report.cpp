@@ -22,6 +22,20 @@ int images_of(const Calibration& c, int cam) {
   return n;
 }
 
+// Share of the image that the lens can unproject: below 1 where its domain ends inside the picture.
+double domain_fraction(const Camera& camera) {
+  constexpr int kColumns = 40, kRows = 30;
+  int n = 0;
+  for (int r = 0; r < kRows; ++r) {
+    for (int c = 0; c < kColumns; ++c) {
+      const Vec2 px(c * (camera.size.width - 1.0) / (kColumns - 1),
+                    r * (camera.size.height - 1.0) / (kRows - 1));
+      n += unproject(camera.lens, px).has_value();
+    }
+  }
+  return double(n) / (kColumns * kRows);
+}
+
 Json json_of_cameras(const Calibration& c) {
   Json cameras = Json::array();
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
@@ -38,7 +52,8 @@ Json json_of_cameras(const Calibration& c) {
                        {"params", parameters},
                        {"rms_px", camera_rms_px(c, cam)},
                        {"views_used", views_used(c, cam)},
-                       {"images", images_of(c, cam)}});
+                       {"images", images_of(c, cam)},
+                       {"domain_fraction", domain_fraction(camera)}});
   }
   return cameras;
 }
@@ -70,11 +85,9 @@ std::string matrix_text(const char* name, const MatX& M) {
   return text;
 }
 
-// The camera matrix of a view, where the target was a body in space and the view alone determines it.
-bool shows_camera_matrix(const Calibration& c) {
-  const auto it = c.provenance.options.find("start");
-  return it != c.provenance.options.end() && it->second == "dlt";
-}
+// A target that is a body in space determines the camera matrix in each view alone, and it is what one wants
+// to see.
+bool shows_camera_matrix(const Calibration& c) { return !c.data.target.is_planar; }
 
 Json json_of_camera_matrices(const Calibration& c) {
   Json list = Json::array();
@@ -166,6 +179,13 @@ std::string text_of_calibration(const Calibration& c) {
         "distance {:.6f} m\n",
         c.rig.cameras[i].name, c.rig.cameras[0].name, w_deg.x(), w_deg.y(), w_deg.z(), T.t().x(), T.t().y(),
         T.t().z(), T.t().norm());
+  }
+  for (const Camera& camera : c.rig.cameras) {
+    const double fraction = domain_fraction(camera);
+    if (fraction == 1) continue;
+    text += fmt::format(
+        "{}: the lens says nothing about {:.1f} % of the image: its domain ends inside the picture\n",
+        camera.name, 100 * (1 - fraction));
   }
   if (shows_camera_matrix(c)) text += text_of_camera_matrices(c);
   for (std::size_t v = 0; v < c.data.views.size(); ++v) {

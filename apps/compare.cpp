@@ -18,6 +18,7 @@ struct Options {
 // Cameras of one name belong together; without common names, cameras in the same place.
 Result<std::vector<std::pair<int, int>>> pairs_of(const Rig& a, const Rig& b) {
   std::vector<std::pair<int, int>> pairs;
+  if (a.cameras.size() == 1 && b.cameras.size() == 1) return std::vector{std::pair{0, 0}};
   for (std::size_t i = 0; i < a.cameras.size(); ++i) {
     if (const auto j = b.find(a.cameras[i].name)) pairs.emplace_back(static_cast<int>(i), *j);
   }
@@ -81,9 +82,9 @@ void add_compare(CLI::App& app, const Common& common, int& exit_code) {
                  "none: the same ray through both; rotation, pose: after the fit that is best")
       ->check(CLI::IsMember({"none", "rotation", "pose"}));
   app.add_option("--distance", o->distance_m, "of the points compared with --align pose [m] (default: 1)")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   app.add_option("--max-diff", o->max_diff_px, "exit with 3 when the largest difference is above this [px]")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }
 

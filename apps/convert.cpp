@@ -62,6 +62,9 @@ Result<int> run(const Options& o, const Common& common) {
   }
   auto files = format->write(*rig, options);
   if (!files) return files.error();
+  if (files->size() > 1 && fs::path(o.output).has_extension() && !fs::is_directory(o.output)) {
+    usage_error(fmt::format("-o {}: {} files are written; give a folder", o.output, files->size()));
+  }
   if (Status s = write_all(o, common, *files); !s) return s.error();
   Json json{{"format", format->name}, {"files", Json::array()}};
   std::string text = note;
@@ -85,7 +88,7 @@ void add_convert(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--to", o->to, "format to write: " + format_names())->required();
   app.add_option("--from", o->from, "format to read (default: told from the content)");
   app.add_option("--alpha", o->alpha, "of the rectification that some formats carry (default: 0)")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(between(0.0, 1.0));
   app.add_option("-o,--output", o->output, "a folder, or a file where the format is one file")->required();
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }

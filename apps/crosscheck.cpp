@@ -65,7 +65,7 @@ void add_crosscheck(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("calibration", o->calibration, "calibration.yaml of ours")->required();
   app.add_option("--max-diff", o->max_diff_px,
                  "exit with 3 when a camera's largest difference is above this [px]")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }
 

@@ -32,6 +32,10 @@ Json json_of_views(const Dataset& data) {
 
 Result<int> run(const Options& o, const Common& common) {
   const bool as_vnl = std::filesystem::path(o.output).extension() == ".vnl";
+  const auto extension = std::filesystem::path(o.output).extension();
+  if (!as_vnl && extension != ".yaml" && extension != ".yml") {
+    usage_error(fmt::format("-o {}: corners are written as .yaml, or as .vnl for mrcal", o.output));
+  }
   if (as_vnl && o.cams.size() != 1)
     usage_error("a .vnl file holds one camera; give one --cam, or -o corners.yaml");
   if (Status s = check_output(o.output, common); !s) return s.error();

@@ -6,10 +6,23 @@
 #include <CLI/CLI.hpp>
 #include <exception>
 #include <new>
+#include <optional>
+#include <string>
 
 #include "commands.hpp"
 
 namespace plumbline::apps {
+
+namespace {
+// The first word, where it should be a command and is none: CLI11 only says that a subcommand is missing.
+std::optional<std::string> unknown_command(int argc, char** argv) {
+  if (argc < 2 || argv[1][0] == '-') return std::nullopt;
+  for (const Command& command : commands()) {
+    if (command.name == argv[1]) return std::nullopt;
+  }
+  return argv[1];
+}
+}  // namespace
 
 int run_program(int argc, char** argv) {
   CLI::App app("Camera calibration and rectification: from photographs of a board to camera files.",
@@ -37,7 +50,11 @@ int run_program(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    fmt::print(stderr, "plumbline: {}\nRun with --help for more.\n", error.what());
+    if (const auto word = unknown_command(argc, argv)) {
+      fmt::print(stderr, "plumbline: there is no command '{}'. Run with --help for the list.\n", *word);
+    } else {
+      fmt::print(stderr, "plumbline: {}\nRun with --help for more.\n", error.what());
+    }
     return kUsage;
   } catch (const std::bad_alloc&) {
     fmt::print(stderr, "plumbline: out of memory; use fewer or smaller images\n");

@@ -17,8 +17,8 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string calibration, output, size;
-  std::vector<std::string> cams;
+  std::string output, size;
+  std::vector<std::string> calibration, cams;
   std::string pair_by = "name";
   double alpha = 0;
   bool pairs = false;
@@ -26,7 +26,7 @@ struct Options {
 
 // The board corners lie in calibration.yaml only; other camera files have none.
 std::optional<double> vertical_rms(const Options& o, const StereoRectification& rectification) {
-  const auto calibration = load_calibration(o.calibration);
+  const auto calibration = load_calibration(o.calibration.front());
   if (!calibration) return std::nullopt;
   return vertical_rms_px(rectification, *calibration);
 }
@@ -34,13 +34,13 @@ std::optional<double> vertical_rms(const Options& o, const StereoRectification& 
 Result<int> run(const Options& o, const Common& common) {
   if (o.cams.size() != 2) usage_error("rectify needs two --cam NAME=GLOB");
   if (Status s = check_output(o.output, common); !s) return s.error();
-  auto rig = load_rig({o.calibration});
+  auto rig = load_rig(o.calibration);
   if (!rig) return rig.error();
   auto images = find_images(o.cams, o.pair_by == "order");
   if (!images) return images.error();
   std::array<int, 2> cams{};
   for (std::size_t i = 0; i < 2; ++i) {
-    auto cam = find_camera(*rig, (*images)[i].camera, o.calibration);
+    auto cam = find_camera(*rig, (*images)[i].camera, o.calibration.front());
     if (!cam) return cam.error();
     cams[i] = *cam;
   }
@@ -84,7 +84,8 @@ Result<int> run(const Options& o, const Common& common) {
       fmt::format("rectified {}x{} px, f {:.4f} px, baseline {:.6f} m ({}), {:.2f} % of the pixels valid\n",
                   rectification->size.width, rectification->size.height, fx, rectification->baseline_m,
                   rectification->vertical ? "one above the other" : "side by side", 100 * valid);
-  if (rms) text += fmt::format("board corners across the epipolar lines: {:.4f} px rms\n", *rms);
+  if (rms)
+    text += fmt::format("the calibration's board corners across the epipolar lines: {:.4f} px rms\n", *rms);
   text += fmt::format("written: {0}/{1}/, {0}/{2}/, {0}/rectification.yaml\n", o.output, (*images)[0].camera,
                       (*images)[1].camera);
   if (Status s = print_result(common, json, text); !s) return s.error();
@@ -95,12 +96,13 @@ Result<int> run(const Options& o, const Common& common) {
 
 void add_rectify(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
-  app.add_option("calibration", o->calibration, "calibration.yaml or any camera file with extrinsics")
+  app.add_option("calibration", o->calibration,
+                 "calibration.yaml, or camera files of any known format, with extrinsics")
       ->required();
   add_cam_option(app, o->cams)->required();
   app.add_option("--pair-by", o->pair_by, "name or order")->check(CLI::IsMember({"name", "order"}));
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(between(0.0, 1.0));
   app.add_option("--size", o->size, "WIDTHxHEIGHT of the rectified images (default: as the first camera's)");
   app.add_flag("--pairs", o->pairs,
                "write pairs/FRAME.png too: both pictures in one, with lines that show the rows match");

@@ -16,17 +16,18 @@ namespace plumbline::apps {
 namespace fs = std::filesystem;
 
 namespace {
-Status check_stems(const CameraImages& images) {
+// What the pictures of a camera are called: their stems, and their frames where two stems are the same.
+std::vector<std::string> picture_names(const CameraImages& images) {
+  std::vector<std::string> names;
   std::set<std::string> stems;
   for (const fs::path& file : images.files) {
-    if (!stems.insert(file.stem().string()).second) {
-      return Error{ErrorCode::kInvalidData,
-                   fmt::format("two images of camera {} are called '{}'; take them in two runs",
-                               images.camera, file.stem().string()),
-                   file.string()};
-    }
+    names.push_back(file.stem().string());
+    stems.insert(names.back());
   }
-  return {};
+  if (stems.size() == names.size()) return names;
+  names = images.frames;
+  for (std::string& name : names) std::replace(name.begin(), name.end(), '/', '_');
+  return names;
 }
 }  // namespace
 
@@ -41,7 +42,7 @@ Result<int> find_camera(const Rig& rig, const std::string& name, const std::stri
 
 Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps& maps, const fs::path& folder,
                     const Common& common, Progress& progress) {
-  if (Status s = check_stems(images); !s) return s;
+  const std::vector<std::string> names = picture_names(images);
   std::error_code error;
   fs::create_directories(folder / images.camera, error);
   if (error) return Error{ErrorCode::kIo, error.message(), (folder / images.camera).string()};
@@ -59,8 +60,7 @@ Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps&
                                  image->rows, images.camera, size.width, size.height),
                      images.names[i]};
       }
-      return write_png(folder / images.camera / (images.files[i].stem().string() + ".png"),
-                       remap_image(*image, maps));
+      return write_png(folder / images.camera / (names[i] + ".png"), remap_image(*image, maps));
     }();
     const std::lock_guard guard(lock);
     progress(++n_done, n);
@@ -107,7 +107,7 @@ Status write_pairs(const std::vector<CameraImages>& images, const fs::path& fold
     const auto match = std::find(frames.begin(), frames.end(), images[0].frames[i]);
     if (match == frames.end()) return;
     const auto picture_of = [&](int camera, std::ptrdiff_t k) {
-      return read_image(folder / images[camera].camera / (images[camera].files[k].stem().string() + ".png"));
+      return read_image(folder / images[camera].camera / (picture_names(images[camera])[k] + ".png"));
     };
     const auto first = picture_of(0, i), second = picture_of(1, match - frames.begin());
     if (!first || !second) {

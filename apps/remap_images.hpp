@@ -10,8 +10,8 @@ namespace plumbline::apps {
 /// The camera of that name; a rig of one answers to any name, because many camera files hold none.
 Result<int> find_camera(const Rig& rig, const std::string& name, const std::string& file);
 
-/// Reads every image, remaps it and writes FOLDER/CAMERA/STEM.png. kInvalidData when an image has another
-/// size than the camera, or when two images have one stem.
+/// Reads every image, remaps it and writes FOLDER/CAMERA/STEM.png (the frame's name where two stems are the
+/// same). kInvalidData when an image has another size than the camera.
 Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps& maps,
                     const std::filesystem::path& folder, const Common& common, Progress& progress);
 

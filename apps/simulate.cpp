@@ -110,9 +110,9 @@ void add_simulate(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--cams", o->scene.n_cameras, "cameras side by side (default: 1)");
   app.add_option("--baseline", o->scene.baseline_m, "between neighbouring cameras, metres (default: 0.1)");
   app.add_option("--image-noise", o->image_noise_grey, "of the images, grey levels (default: 2)")
-      ->check(CLI::Range(0.0, 100.0));
+      ->check(between(0.0, 100.0));
   app.add_option("--blur", o->blur_px, "of the images, sigma in px (default: 0.6)")
-      ->check(CLI::Range(0.0, 20.0));
+      ->check(between(0.0, 20.0));
   app.add_flag("--no-images", o->no_images, "corners.yaml and truth.yaml only");
   app.add_option("-o,--output", o->output, "folder for CAMERA/FRAME.png, corners.yaml and truth.yaml")
       ->required();

@@ -4,8 +4,11 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <map>
 
 #include "args.hpp"
+#include "plumbline/core/text.hpp"
 #include "plumbline/io/files.hpp"
 #include "plumbline/io/target_io.hpp"
 #include "plumbline/synth/corner.hpp"
@@ -26,7 +29,7 @@ struct NewOptions {
 // The counts of a board, which its type needs.
 ImageSize counts(const std::string& text, const std::string& option, const std::string& type) {
   if (text.empty()) usage_error(fmt::format("--type {} needs {} COLUMNSxROWS", type, option));
-  return parse_size(text, option);
+  return parse_counts(text, option);
 }
 
 double length(double value, const std::string& option, const std::string& type) {
@@ -118,6 +121,31 @@ Result<int> run_print(const PrintArguments& o, const Common& common) {
   return kDone;
 }
 
+// An option of another type of board is a mistake that would else pass in silence.
+void check_options_fit(const CLI::App& app, const std::string& type) {
+  const std::map<std::string, std::string> types_of{{"--corners", "chessboard"},
+                                                    {"--squares", "charuco corner"},
+                                                    {"--square", "chessboard charuco corner"},
+                                                    {"--marker", "charuco corner"},
+                                                    {"--dict", "charuco corner"},
+                                                    {"--layout", "charuco corner"},
+                                                    {"--tags", "aprilgrid corner"},
+                                                    {"--tag-size", "aprilgrid corner"},
+                                                    {"--tag-spacing", "aprilgrid corner"},
+                                                    {"--family", "aprilgrid corner"},
+                                                    {"--first-id", "charuco aprilgrid corner"},
+                                                    {"--circles", "circles acircles"},
+                                                    {"--spacing", "circles acircles"},
+                                                    {"--diameter", "circles acircles"},
+                                                    {"--outside", "corner"}};
+  for (const auto& [option, types] : types_of) {
+    const auto words = split(types, ' ');
+    if (app.count(option) > 0 && std::find(words.begin(), words.end(), type) == words.end()) {
+      usage_error(fmt::format("{} is for {}, not for {}", option, join(words, ", "), type));
+    }
+  }
+}
+
 void add_new(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<NewOptions>();
   app.add_option("--type", o->type,
@@ -146,7 +174,10 @@ void add_new(CLI::App& app, const Common& common, int& exit_code) {
                "corner: of a box seen from outside (default: of a room, from inside)");
   app.add_option("--name", o->name, "what the target is called (default: from its sizes)");
   app.add_option("-o,--output", o->output, "target file, for example board.yaml")->required();
-  on_run(app, exit_code, [o, &common] { return run_new(*o, common); });
+  on_run(app, exit_code, [o, &app, &common] {
+    check_options_fit(app, o->type);
+    return run_new(*o, common);
+  });
 }
 
 void add_print(CLI::App& app, const Common& common, int& exit_code) {

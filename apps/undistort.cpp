@@ -13,14 +13,14 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string calibration, output, size;
-  std::vector<std::string> cams;
+  std::string output, size;
+  std::vector<std::string> calibration, cams;
   double alpha = 0;
 };
 
 Result<int> run(const Options& o, const Common& common) {
   if (Status s = check_output(o.output, common); !s) return s.error();
-  auto rig = load_rig({o.calibration});
+  auto rig = load_rig(o.calibration);
   if (!rig) return rig.error();
   auto images = find_images(o.cams, false);
   if (!images) return images.error();
@@ -31,7 +31,7 @@ Result<int> run(const Options& o, const Common& common) {
   const Status written =
       write_folder(o.output, common.force, [&](const std::filesystem::path& folder) -> Status {
         for (const CameraImages& of_camera : *images) {
-          auto cam = find_camera(*rig, of_camera.camera, o.calibration);
+          auto cam = find_camera(*rig, of_camera.camera, o.calibration.front());
           if (!cam) return cam.error();
           const Camera& camera = rig->cameras[*cam];
           const ImageSize new_size = size.width > 0 ? size : camera.size;
@@ -71,10 +71,12 @@ Result<int> run(const Options& o, const Common& common) {
 
 void add_undistort(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
-  app.add_option("calibration", o->calibration, "calibration.yaml or any camera file")->required();
+  app.add_option("calibration", o->calibration,
+                 "calibration.yaml, or camera files of any known format or a folder of them")
+      ->required();
   add_cam_option(app, o->cams)->required();
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(between(0.0, 1.0));
   app.add_option("--size", o->size, "WIDTHxHEIGHT of the new images (default: as the camera's)");
   app.add_option("-o,--output", o->output, "folder for CAMERA/STEM.png")->required();
   on_run(app, exit_code, [o, &common] { return run(*o, common); });

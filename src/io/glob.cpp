@@ -105,7 +105,8 @@ Result<std::vector<GlobMatch>> glob_files(std::string_view pattern) {
   }
   std::vector<GlobMatch> matches;
   for (const Found& f : found) {
-    const std::string name = (absolute ? f.file.lexically_relative(fixed) : f.file).generic_string();
+    const std::string name =
+        fixed.empty() ? f.file.generic_string() : f.file.lexically_relative(fixed).generic_string();
     matches.push_back({f.file, name, f.captures.empty() ? f.file.stem().string() : join(f.captures, "/")});
   }
   std::sort(matches.begin(), matches.end(),

@@ -86,7 +86,6 @@ Result<std::optional<Corner>> read_row(const Words& words, const Columns& column
 Result<std::vector<VnlImage>> parse_vnl(std::string_view text) {
   std::vector<VnlImage> images;
   std::map<std::string, std::size_t, std::less<>> index;
-  std::vector<int> n_rows;
   std::optional<Columns> columns;
   std::optional<Error> failed;
   io::for_each_row(text, [&](int line, Words& words) {
@@ -115,10 +114,9 @@ Result<std::vector<VnlImage>> parse_vnl(std::string_view text) {
     auto place = index.find(name);
     if (place == index.end()) {
       place = index.emplace(std::string(name), images.size()).first;
-      images.push_back({std::string(name), {}});
-      n_rows.push_back(0);
+      images.push_back({std::string(name), {}, 0});
     }
-    const int point = n_rows[place->second]++;
+    const int point = images[place->second].n_rows++;
     if (!*corner) return;
     (*corner)->point = point;
     images[place->second].corners.push_back(**corner);

@@ -22,7 +22,7 @@ constexpr double kSmallestNoisePx = 0.05;
 // is the same order, since a shift of the centre is mostly taken up by turning the camera.
 constexpr double kWeakFocal = 0.02, kWeakCentre = 0.03;
 // Beyond a fifth the linear prediction itself has no meaning any more.
-constexpr double kUselessFocal = 0.20;
+constexpr double kUselessFocal = 0.10;
 // Boards that are nearly parallel to one another: the errors of their printing and of the corner finder are
 // the same in all of them and do not average out as the covariance believes. Ten frames of a hand-held
 // sequence whose boards stayed within 2 degrees miss the focal length by 4 % at a predicted 1 %

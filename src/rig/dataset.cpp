@@ -26,7 +26,7 @@ std::optional<std::string> fault_of(const View& view, const Dataset& data) {
     // Generous: a corner finder may extrapolate a little beyond the border.
     if (c.px.x() < -0.5 * size.width || c.px.x() > 1.5 * size.width || c.px.y() < -0.5 * size.height ||
         c.px.y() > 1.5 * size.height) {
-      return fmt::format("point {} at ({:.1f}, {:.1f}) px is far outside the {}x{} image", c.point, c.px.x(),
+      return fmt::format("point {} at ({:.6g}, {:.6g}) px is far outside the {}x{} image", c.point, c.px.x(),
                          c.px.y(), size.width, size.height);
     }
     if (!(c.sigma_px > 0) || !std::isfinite(c.sigma_px)) {

@@ -55,13 +55,13 @@ TEST_F(GlobFiles, NamesNeverHoldAnAbsolutePath) {
   EXPECT_TRUE(fs::exists(matches->front().file));
 }
 
-TEST_F(GlobFiles, RelativePatternsKeepTheirFolder) {
+TEST_F(GlobFiles, NamesAreTheSameWhereverOneStands) {
   const fs::path before = fs::current_path();
   fs::current_path(dir.path());
   const auto matches = glob_files("./a/cam1/*.png");
   fs::current_path(before);
   ASSERT_TRUE(matches);
-  EXPECT_EQ(matches->front().name, "a/cam1/7.png");
+  EXPECT_EQ(matches->front().name, "7.png");
 }
 
 TEST_F(GlobFiles, SaysWhatTheFolderHoldsWhenNothingMatches) {

@@ -20,6 +20,7 @@ Result<Dataset> parse_corners(std::string_view yaml);
 struct VnlImage {
   std::string filename;
   std::vector<Corner> corners;  ///< point = position in the image's list; level L gives sigma_px = 2^L
+  int n_rows = 0;               ///< rows of this image, seen or not; 1 where a lone `- - -` says: no board
 };
 
 /// mrcal's corners.vnl: a legend `# filename x y level` (or `weight`, or neither; columns in any order), then

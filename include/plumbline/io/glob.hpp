@@ -13,10 +13,11 @@ namespace plumbline {
 /// A file that a pattern matched.
 struct GlobMatch {
   std::filesystem::path file;  ///< to open it
-  std::string name;  ///< to speak of it: as the pattern was given, but from the first wildcard's folder on if
-                     ///< absolute
-  std::string
-      key;  ///< the text that the wildcards matched, several joined by '/'; without one the file's stem
+  /// To speak of it: the path from the component of the first wildcard on (without a wildcard the file's
+  /// name), so that it is the same wherever one stands.
+  std::string name;
+  /// The text that the wildcards matched, several joined by '/'; without a wildcard the file's stem.
+  std::string key;
 };
 
 /// The files that match a pattern with the wildcards `*` (any run of characters) and `?` (any one character),
