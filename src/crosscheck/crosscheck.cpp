@@ -156,12 +156,13 @@ DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std:
   return {};
 }
 
-// mrcal's optimum from where the problem stands. A splined lens keeps its core, as mrcal's own tools have it:
-// core and control points do the same thing. It keeps mrcal's regularisation too, because many control points
-// see no corner.
+// mrcal's optimum from where the problem stands. Of a splined lens that was fitted to ours only the core is
+// free, and the poses: its hundreds of control points would follow the noise, and without mrcal's
+// regularisation, which pulls them away from the lens they stand for, those that see no corner would go
+// anywhere.
 std::optional<double> solve(Problem& problem) {
   const bool splined = problem.model.type == MRCAL_LENSMODEL_SPLINED_STEREOGRAPHIC;
-  return detail::optimise(problem, {.core = !splined, .regularise = splined, .max_rounds = splined ? 3 : 8});
+  return detail::optimise(problem, {.core = true, .distortion = !splined});
 }
 
 Error refused(const std::string& where) {
@@ -215,7 +216,7 @@ Result<CameraCrosscheck> check_camera(const Calibration& cal, int cam, const Set
     const DiffPx fit = difference(lone, 0, *lens, notes);
     notes.push_back(
         fmt::format("camera {}: mrcal has no lens {}; {} fitted to it projects within {:.2g} px (rms {:.2g}) "
-                    "near the corners, and then has {} numbers of its own to fit them",
+                    "near the corners; mrcal then solves core and poses, its {} control values held",
                     camera.name, out.lens, lens->name, fit.max, fit.rms, lens->parameters.size() - 4));
   }
   if (setup.lattice) {

@@ -53,10 +53,9 @@ struct Problem {
 Problem make_problem(const Calibration& calibration, const Lattice& lattice,
                      const std::vector<RefereeLens>& lenses, bool use_sigma);
 
-/// What mrcal_optimize may change, and whether its regularisation is on (needed for a splined lens, whose
-/// control points beyond the corners nothing else holds).
+/// What mrcal_optimize may change.
 struct Solve {
-  bool core = true, distortion = true, regularise = false;
+  bool core = true, distortion = true;
   int max_rounds = 8;  ///< mrcal stops on thresholds of its own; the next round starts where it stopped
 };
 

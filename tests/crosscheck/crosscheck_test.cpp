@@ -139,23 +139,22 @@ TEST(Crosscheck, LensesOfSeveralKindsAreProjectedJointly) {
   EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("this rig has several")));
 }
 
-// kb4: mrcal's splined lens stands in. It has more freedom, so it fits the noise a little better; where there
-// were corners both project alike.
+// kb4: mrcal's splined lens stands in, fitted to ours; its focal lengths, centre and poses are then solved by
+// mrcal. The fit is good to 0.01 px, and that is how well both must agree, with noise and without.
 TEST(Crosscheck, AFisheyeIsComparedWithTheSplinedLens) {
   for (double fov : {100.0, 170.0}) {
-    SCOPED_TRACE(fov);
-    const auto check = crosscheck_mrcal(refined(simulated(board(), "kb4", 1, 0.1, fov)));
-    ASSERT_TRUE(check) << check.error().text();
-    const CameraCrosscheck& camera = check->cameras[0];
-    EXPECT_THAT(camera.referee_lens, testing::StartsWith("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3"));
-    RecordProperty("rms", std::to_string(camera.rms_px) + " " + std::to_string(camera.referee_rms_px) +
-                              " diff " + std::to_string(camera.diff_px.rms));
-    EXPECT_LT(camera.referee_rms_px, camera.rms_px);
-    EXPECT_GT(camera.referee_rms_px, 0.7 * camera.rms_px);
-    // 240 control points on 980 corners follow the noise of 0.1 px, most where corners are few
-    EXPECT_LT(camera.diff_px.p95, 0.6);
-    EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
-    EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("mrcal has no lens kb4")));
+    for (double noise_px : {0.0, 0.1}) {
+      SCOPED_TRACE(testing::Message() << fov << " deg, noise " << noise_px);
+      const auto check = crosscheck_mrcal(refined(simulated(board(), "kb4", 1, noise_px, fov)));
+      ASSERT_TRUE(check) << check.error().text();
+      const CameraCrosscheck& camera = check->cameras[0];
+      EXPECT_THAT(camera.referee_lens, testing::StartsWith("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3"));
+      EXPECT_NEAR(camera.rms_px, camera.referee_rms_px, 0.005);
+      EXPECT_LT(camera.diff_px.p95, 0.01);
+      EXPECT_LT(camera.diff_px.max, 0.05);
+      EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
+      EXPECT_THAT(check->notes, testing::Contains(testing::HasSubstr("mrcal has no lens kb4")));
+    }
   }
 }
 
@@ -165,6 +164,7 @@ TEST(Crosscheck, APlantedErrorInAFisheyeShows) {
   const auto check = crosscheck_mrcal(cal);
   ASSERT_TRUE(check) << check.error().text();
   EXPECT_GT(check->rms_px, 1.5 * check->referee_rms_px);
+  EXPECT_GT(check->cameras[0].diff_px.max, 0.3);
 }
 
 TEST(Crosscheck, ACameraWithoutCornersIsNamed) {
