@@ -181,6 +181,14 @@ TEST_F(BadInput, AFullDisc) {
                           " >/dev/null"),
                 "calibration.yaml");
   fs::remove_all(dir / "tmp");
+  const std::string limited = std::string("ulimit -f 4; ") + PLUMBLINE_BINARY + " ",
+                    board = (dir / "board.yaml").string();
+  const std::string out = " -o " + (dir / "out").string() + " >/dev/null";
+  expect_failed(test::run(limited + "simulate --target " + board + " --views 2 --size 320x240" + out),
+                "File too large");
+  expect_failed(
+      test::run(limited + "target print " + board + " -o " + (dir / "out.png").string() + " >/dev/null"),
+      "out.png");
   const test::Run full = test::run(std::string(PLUMBLINE_BINARY) + " list lenses >/dev/full");
   EXPECT_EQ(full.exit_code, 1);
   EXPECT_THAT(full.err, HasSubstr("standard output"));
