@@ -158,7 +158,7 @@ TEST(DetectorLayout, IsOneForAllImagesOfARun) {
   cv::GaussianBlur(whole, whole, {5, 5}, 0.7);
   std::vector<Corner> truth = printed_corners(printed, print, dpi);
   cv::Mat cut = whole.clone();
-  cut.colRange(static_cast<int>(truth[5].px.x()) - 4, cut.cols).setTo(255);
+  cut.colRange(static_cast<int>(0.5 * (truth[4].px.x() + truth[5].px.x())), cut.cols).setTo(255);
   const auto alone = detect_target(cut, open);
   ASSERT_TRUE(alone);
   EXPECT_EQ(alone->layout_vote, 0);
