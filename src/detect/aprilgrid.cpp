@@ -7,13 +7,14 @@
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "detect/planar.hpp"
+#include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
-#include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
 namespace {
 
 constexpr int kMinTags = 4;
+constexpr double kMinClean = 2.5;  ///< [px] around a corner, see add_candidate
 
 /// Board in units of the tag's size, Kalibr's axes (y up), counted from point 0.
 std::vector<PlacedQuad> place(const AprilGrid& board, const std::vector<Marker>& tags) {
@@ -55,15 +56,19 @@ struct Candidate {
 /// board.
 void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad& tag, std::size_t k,
                    const Mat2& J, const Vec2& start, std::vector<Candidate>& out) {
-  const double scale = std::min(J.col(0).norm(), J.col(1).norm()), gap = board.spacing * scale;
+  const double height = narrow_height(J), gap = board.spacing * height;
   // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them
   // white.
   const double clean = std::min(0.2, board.spacing);
+  // Narrower than that and the smallest window sees the border's other edge: such a corner is wrong by
+  // pixels.
+  const double reach = clean * window_reach(J);
+  if (reach < kMinClean) return;
   const Vec2 u = J.col(0) * (0.5 * clean), v = J.col(1) * (k % 2 == 0 ? 0.5 * clean : -0.5 * clean);
   if (saddle_contrast(grey, start, u, v) > -8) return;
   out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k),
                  tag.board[k],
-                 {start, half_window(0.9 * clean * scale), std::max(1.5, 0.6 * gap)}});
+                 {start, half_window(0.9 * reach), std::max(1.5, 0.5 * gap)}});
 }
 
 /// Starts for the four corners of a tag. `H` maps from the tag's centre.
@@ -74,19 +79,13 @@ void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQua
     const auto predicted = map_point(H, tag.board[k] - centre);
     if (!predicted) continue;
     const Mat2 J = map_jacobian(H, tag.board[k] - centre);
-    const double gap = board.spacing * std::min(J.col(0).norm(), J.col(1).norm());
+    const double gap = board.spacing * narrow_height(J);
     // The detector's own corner where it agrees with the neighbourhood; it is nearer than a plane is to a
     // wide lens.
     const bool agree = (tag.px[k] - *predicted).norm() < 0.5 * gap;
     add_candidate(grey, board, tag, k, J, agree ? Vec2((tag.px[k] + *predicted) / 2) : *predicted, out);
   }
 }
-
-struct Refined {
-  int point;
-  Vec2 board, px;
-  double sigma;
-};
 
 std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& candidates, double noise) {
   std::vector<CornerStart> starts;
@@ -98,85 +97,6 @@ std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& c
       out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
   }
   return out;
-}
-
-struct Prediction {
-  Vec2 px;
-  Mat2 J;  ///< d px / d board
-};
-
-/// Where `at` should be by the refined corners nearest to it (`skip` is not one): their homography, and a
-/// quadratic for what it leaves, since on a wide lens neighbouring tags differ by pixels from any plane.
-std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& at, int skip) {
-  std::vector<const Refined*> near;
-  for (const Refined& r : all)
-    if (r.point != skip) near.push_back(&r);
-  const std::size_t n = std::min<std::size_t>(near.size(), 16);
-  const auto nearer = [&](const Refined* a, const Refined* b) {
-    const double da = (a->board - at).squaredNorm(), db = (b->board - at).squaredNorm();
-    return da != db ? da < db : a->point < b->point;
-  };
-  std::partial_sort(near.begin(), near.begin() + static_cast<long>(n), near.end(), nearer);
-  std::vector<Vec2> from, to;
-  for (std::size_t i = 0; i < n; ++i) {
-    from.push_back(near[i]->board - at);
-    to.push_back(near[i]->px);
-  }
-  const auto H = fit_plane(from, to);
-  const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-  if (!px) return std::nullopt;
-  Prediction out{*px, map_jacobian(*H, Vec2(0, 0))};
-  if (n < 10) return out;
-  MatX A(n, 6), rest(n, 2);
-  for (std::size_t i = 0; i < n; ++i) {
-    const Vec2& p = from[i];
-    A.row(i) << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
-    rest.row(i) = (to[i] - map_point(*H, p).value_or(to[i])).transpose();
-  }
-  const auto x = solve_least_squares(A, rest.col(0)), y = solve_least_squares(A, rest.col(1));
-  if (!x || !y) return out;
-  out.px += Vec2((*x)(0), (*y)(0));
-  out.J += Mat2{{(*x)(1), (*x)(2)}, {(*y)(1), (*y)(2)}};
-  return out;
-}
-
-/// Without the corners that lie elsewhere than their neighbours say. A stray spoils the predictions around
-/// it, so only the worst of a neighbourhood goes in each round. `limit` [px]: what stands out from the median
-/// error; 0 is replaced by that, once, since the median of what is left would sink from round to round and
-/// take good corners with it.
-std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit) {
-  const auto error_of = [&](const Refined& r) {
-    const auto predicted = predict(corners, r.board, r.point);
-    return predicted ? (predicted->px - r.px).norm() : 1e9;
-  };
-  std::vector<double> error;
-  for (const Refined& r : corners) error.push_back(error_of(r));
-  if (limit <= 0 && !error.empty()) {
-    std::vector<double> sorted = error;
-    std::sort(sorted.begin(), sorted.end());
-    limit = std::max(0.4, 6 * sorted[sorted.size() / 2]);
-  }
-  while (true) {
-    std::vector<std::size_t> strays;
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-      bool is_worst_here = error[i] > limit;
-      for (std::size_t j = 0; j < corners.size() && is_worst_here; ++j) {
-        is_worst_here = error[j] <= error[i] || (corners[j].board - corners[i].board).norm() > 1.5;
-      }
-      if (is_worst_here) strays.push_back(i);
-    }
-    if (strays.empty()) return corners;
-    std::vector<Vec2> gone;
-    for (auto i = strays.rbegin(); i != strays.rend(); ++i) {
-      gone.push_back(corners[*i].board);
-      corners.erase(corners.begin() + static_cast<long>(*i));
-      error.erase(error.begin() + static_cast<long>(*i));
-    }
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-      const auto is_near = [&](const Vec2& p) { return (p - corners[i].board).norm() < 4; };
-      if (std::any_of(gone.begin(), gone.end(), is_near)) error[i] = error_of(corners[i]);
-    }
-  }
 }
 
 /// Corners that had a bad start, or none, once more from where their good neighbours say.

@@ -30,13 +30,23 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
 
   Detection out;
+  bool has_open = false;
+  for (const BoardPart& part : rig.parts) {
+    const auto* charuco = std::get_if<Charuco>(&part.board);
+    if (charuco == nullptr || !has_open_layout(*charuco)) continue;
+    has_open = true;
+    out.layout_vote += layout_vote(*charuco, markers[charuco->dictionary]);
+  }
+  const auto layout = out.layout_vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent;
   std::vector<std::string> reasons;
   int offset = 0, part_number = 0;
   for (const BoardPart& part : rig.parts) {
     Detection found;
     int n_points = 0;
     if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
-      found = charuco_from_markers(grey, *charuco, markers[charuco->dictionary]);
+      Charuco board = *charuco;
+      if (has_open_layout(board)) board.layout = layout;
+      found = charuco_from_markers(grey, board, markers[board.dictionary]);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
       found = aprilgrid_from_tags(grey, *grid, tags);
@@ -50,7 +60,10 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
     if (found.corners.empty()) reasons.push_back(fmt::format("part {}: {}", part_number, found.reason));
     offset += n_points;
   }
-  out.method = out.corners.empty() ? "" : "markers, cornerSubPix";
+  if (!out.corners.empty()) {
+    const std::string_view open = layout == Charuco::Layout::kLegacy ? ", layout legacy" : ", layout current";
+    out.method = fmt::format("markers{}, cornerSubPix", has_open ? open : "");
+  }
   if (out.corners.empty())
     out.reason = fmt::format("none of {} parts found: {}", rig.parts.size(), join(reasons, "; "));
   return out;

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "detect/finders.hpp"
+#include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -50,18 +51,6 @@ Placement place(const Charuco& board, const Layout& layout, const std::vector<Ma
   return out;
 }
 
-/// kAuto takes the layout under which more markers agree with their neighbours.
-Placement best_placement(const Charuco& board, const std::vector<Marker>& markers) {
-  using enum Charuco::Layout;
-  const bool has_two = board.rows % 2 == 0;
-  if (!has_two || board.layout == kCurrent) return place(board, {false}, markers);
-  if (board.layout == kLegacy) return place(board, {true}, markers);
-  Placement current = place(board, {false}, markers), legacy = place(board, {true}, markers);
-  const auto n = current.consistent.index.size(), m = legacy.consistent.index.size();
-  const bool is_legacy = m > n || (m == n && legacy.consistent.mean_error < current.consistent.mean_error);
-  return is_legacy ? legacy : current;
-}
-
 /// The local map at an inner corner, or nullopt when no marker touches it.
 std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
   const auto near = nearest_quads(placed.quads, placed.consistent.index, corner, 4);
@@ -80,20 +69,27 @@ std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
   return fit_plane(from, to);
 }
 
-/// How far the picture around a corner is clean of marker edges [px], at most 0.42 squares.
+constexpr int kSteps = 8;  ///< along a marker's side
+
+/// How far an upright window around a corner is clean of marker edges and of the next squares [px].
 double clean_reach(const Mat3& H, double margin) {
   const Mat2 J = map_jacobian(H, Vec2(0, 0));
   double reach = 1e9;
   for (int k = 0; k < 4; ++k) {
     const Vec2 direction((k & 1) != 0 ? 1 : -1, (k & 2) != 0 ? 1 : -1);
-    // Markers stand in two of the four squares; the other two end at the next corner.
-    reach = std::min(reach, (J * direction * margin).lpNorm<Eigen::Infinity>() - 1);
+    // Along the two sides of the marker in that square: seen obliquely its corner is not what is nearest.
+    for (int i = 0; i <= kSteps; ++i) {
+      const double t = margin + (1 - 2 * margin) * i / kSteps;
+      reach = std::min({reach, (J * direction.cwiseProduct(Vec2(t, margin))).lpNorm<Eigen::Infinity>(),
+                        (J * direction.cwiseProduct(Vec2(margin, t))).lpNorm<Eigen::Infinity>()});
+    }
   }
-  const double square = std::min(J.col(0).norm(), J.col(1).norm());
-  return std::min(reach, 0.42 * square);
+  return std::min(reach - 1, 0.42 * window_reach(J));
 }
 
 constexpr int kMinCorners = 4;
+constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
+constexpr double kMinReach = 2.0;          ///< [px] clean around a corner, or its window sees a marker
 
 /// Four corners on a line say nothing about a camera.
 bool spans_plane(const std::vector<Corner>& corners, int columns) {
@@ -107,10 +103,40 @@ bool spans_plane(const std::vector<Corner>& corners, int columns) {
 
 }  // namespace
 
+int layout_vote(const Charuco& board, const std::vector<Marker>& markers) {
+  if (!has_open_layout(board)) return 0;
+  const auto n = [&](bool is_legacy) {
+    return static_cast<int>(place(board, {is_legacy}, markers).consistent.index.size());
+  };
+  // Only counts decide. With an odd number of columns the two layouts differ by a shift of one column
+  // wherever the first column (of a current board; the last one of a legacy board) is not in view; their
+  // errors are the same there but for rounding.
+  return n(false) - n(true);
+}
+
+std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) {
+  Target out = target;
+  bool is_open = false;
+  const auto set = [&](TargetSpec& spec) {
+    auto* charuco = std::get_if<Charuco>(&spec);
+    if (charuco == nullptr || !has_open_layout(*charuco)) return;
+    charuco->layout = layout;
+    is_open = true;
+  };
+  set(out.spec);
+  if (auto* rig = std::get_if<BoardRig>(&out.spec)) {
+    for (BoardPart& part : rig->parts) set(part.board);
+  }
+  return is_open ? std::optional<Target>(std::move(out)) : std::nullopt;
+}
+
 Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
                                const std::vector<Marker>& markers) {
   Detection out;
-  const Placement placed = best_placement(board, markers);
+  out.layout_vote = layout_vote(board, markers);
+  const bool is_legacy =
+      board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy || out.layout_vote < 0);
+  const Placement placed = place(board, {is_legacy}, markers);
   const std::size_t n = placed.consistent.index.size();
   if (n == 0) {
     out.reason = fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
@@ -129,18 +155,24 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
       const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
       if (!px) continue;
       const Mat2 J = map_jacobian(*H, Vec2(0, 0));
-      const double square = std::min(J.col(0).norm(), J.col(1).norm());
+      const double reach = clean_reach(*H, margin);
+      if (reach < kMinReach) continue;
       // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
       if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
         continue;
-      starts.push_back({*px, half_window(clean_reach(*H, margin)), std::max(1.5, 0.12 * square)});
+      starts.push_back({*px, half_window(reach), std::max(1.5, 0.12 * narrow_height(J))});
       points.push_back(r * (board.columns - 1) + c);
     }
   }
   const auto refined = refine_corners(grey, starts, noise);
+  std::vector<Refined> corners;
   for (std::size_t i = 0; i < refined.size(); ++i) {
-    if (refined[i]) out.corners.push_back({points[i], refined[i]->px, refined[i]->sigma_px});
+    const Vec2 at(points[i] % (board.columns - 1), points[i] / (board.columns - 1));
+    if (refined[i]) corners.push_back({points[i], at, refined[i]->px, refined[i]->sigma_px});
   }
+  double limit = 0;
+  if (corners.size() >= kMinToCompare) corners = without_strays(std::move(corners), limit);
+  for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
   if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
     out.reason = fmt::format(
         "{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
@@ -148,9 +180,9 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
     out.corners.clear();
     return out;
   }
-  out.method = board.rows % 2 != 0                    ? "ArUco, cornerSubPix"
-               : placed.layout.marker_in_first_square ? "ArUco (legacy layout), cornerSubPix"
-                                                      : "ArUco (current layout), cornerSubPix";
+  out.method = fmt::format("ArUco{}, cornerSubPix", board.rows % 2 != 0 ? ""
+                                                    : is_legacy         ? ", layout legacy"
+                                                                        : ", layout current");
   return out;
 }
 

@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <set>
 
+#include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "plumbline/core/parallel.hpp"
 #include "plumbline/core/text.hpp"
@@ -45,6 +46,32 @@ Result<Detection> run(const std::filesystem::path& file, const std::string& name
   auto found = detect_target(*grey, target);
   if (!found) return Error{found.error().code, found.error().message, name};
   return found;
+}
+
+/// One layout for all images: those found under the other one are looked at again. Returns the remark that is
+/// due.
+std::string settle_layout(const std::vector<CameraImages>& cameras, const Target& target, int n_threads,
+                          std::vector<Job>& jobs) {
+  int vote = 0;
+  for (const Job& job : jobs) vote += job.found->value().layout_vote;
+  const auto settled =
+      detail::with_layout(target, vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent);
+  if (!settled) return "";
+  parallel_for(static_cast<int>(jobs.size()), n_threads, [&](int i) {
+    Job& job = jobs[static_cast<std::size_t>(i)];
+    if ((job.found->value().layout_vote < 0) == (vote < 0)) return;
+    const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
+    job.found = run(camera.files[job.image], camera.names[job.image], *settled, job.size);
+  });
+  return vote == 0 ? "; no image tells which layout it is" : "";
+}
+
+/// The first failure among the images.
+Status check_decoded(const std::vector<Job>& jobs) {
+  for (const Job& job : jobs) {
+    if (!*job.found) return job.found->error();
+  }
+  return {};
 }
 
 Status check_sizes(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs) {
@@ -162,6 +189,7 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const T
   const int n = static_cast<int>(jobs.size());
   std::mutex lock;
   int done = 0;
+  std::string layout_remark;
   {
     const OpenCvSingleThreaded guard;
     parallel_for(n, options.n_threads, [&](int i) {
@@ -172,13 +200,15 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const T
       ++done;
       if (options.progress) options.progress(done, n);
     });
+    if (auto ok = check_decoded(jobs); !ok) return ok.error();
+    layout_remark = settle_layout(cameras, target, options.n_threads, jobs);
   }
-  for (const Job& job : jobs) {
-    if (!*job.found) return job.found->error();
-  }
+  if (auto ok = check_decoded(jobs); !ok) return ok.error();
   if (auto ok = check_sizes(cameras, jobs); !ok) return ok.error();
   if (auto ok = check_found(cameras, jobs, target); !ok) return ok.error();
-  return assemble(cameras, jobs, target);
+  Dataset data = assemble(cameras, jobs, target);
+  data.detector += layout_remark;
+  return data;
 }
 
 }  // namespace plumbline

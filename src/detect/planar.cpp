@@ -69,6 +69,18 @@ Mat2 map_jacobian(const Mat3& H, const Vec2& p) {
   return J / q.z();
 }
 
+double narrow_height(const Mat2& J) {
+  const double longer = std::max(J.col(0).norm(), J.col(1).norm());
+  return longer > 0 ? std::abs(J.determinant()) / longer : 0;
+}
+
+double window_reach(const Mat2& J) {
+  // A line along a at distance d is |det J| / |a| away; an upright window meets it at |det J| / (|a_x| +
+  // |a_y|).
+  const double longer = std::max(J.col(0).lpNorm<1>(), J.col(1).lpNorm<1>());
+  return longer > 0 ? std::abs(J.determinant()) / longer : 0;
+}
+
 double side_px(const std::array<Vec2, 4>& px) {
   double sum = 0;
   for (int i = 0; i < 4; ++i) sum += (px[(i + 1) % 4] - px[i]).norm();

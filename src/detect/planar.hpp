@@ -22,6 +22,14 @@ std::optional<Vec2> map_point(const Mat3& H, const Vec2& p);
 /// d(map_point)/dp.
 Mat2 map_jacobian(const Mat3& H, const Vec2& p);
 
+/// The narrower height [px] of the parallelogram that a unit square is in the image. Not the shorter side:
+/// seen along its diagonal a square has long sides that lie close together.
+double narrow_height(const Mat2& J);
+
+/// Half side [px] of the largest upright window around a lattice point that ends before the lattice's next
+/// lines, for lines one board unit apart.
+double window_reach(const Mat2& J);
+
 /// A marker in an image and the place that its id has on the board; both in the same order of corners.
 struct PlacedQuad {
   int id = -1;

@@ -17,22 +17,31 @@ namespace {
 struct Kind {
   std::string name;
   TargetSpec spec;
+  // In views by a camera, of each image: the least share of the true corners, the worst error, the RMS of
+  // all.
+  double min_found = 0.75, worst_px = 0.25, rms_px = 0.1;
 };
 
 // Circle centres are seen as the centres of ellipses, which are not the images of the circles' centres: with
 // a diameter of a third of the spacing the difference stays below 0.05 px in these views.
 std::vector<Kind> kinds() {
   const Charuco charuco{7, 5, 0.03, 0.022, "4X4_50"};
-  Charuco even{7, 6, 0.028, 0.021, "5X5_100", 3, Charuco::Layout::kCurrent}, legacy = even;
+  Charuco even{7, 6, 0.028, 0.021, "5X5_100", 3, Charuco::Layout::kAuto}, legacy = even;
   legacy.layout = Charuco::Layout::kLegacy;
-  return {{"chessboard", Chessboard{9, 6, 0.025}},
-          {"charuco", charuco},
-          {"charuco_even_rows", even},
-          {"charuco_legacy", legacy},
-          {"aprilgrid", AprilGrid{4, 3, 0.04, 0.3}},
-          {"circles", Circles{9, 7, 0.025, 0.009}},
-          {"acircles", Circles{4, 11, 0.02, 0.012, true}},
-          {"corner_charuco", corner_rig(Charuco{5, 5, 0.03, 0.022, "4X4_50"}, CornerKind::kInside).value()}};
+  return {
+      {"chessboard", Chessboard{9, 6, 0.025}},
+      {"charuco", charuco},
+      {"charuco_even_rows", even},
+      {"charuco_legacy", legacy},
+      {"aprilgrid", AprilGrid{4, 3, 0.04, 0.3}},
+      {"circles", Circles{9, 7, 0.025, 0.009}},
+      {"acircles", Circles{4, 11, 0.02, 0.012, true}},
+      {"corner_charuco", corner_rig(Charuco{5, 5, 0.03, 0.022, "4X4_50"}, CornerKind::kInside).value()},
+      // A face that is seen at more than some 70 degrees has gaps of a few pixels: its corners are left out;
+      // with markers 3 px from a ChArUco corner the window still sees them, and the worst is off by 1.1 px.
+      {"corner_charuco_outside",
+       corner_rig(Charuco{5, 5, 0.03, 0.022, "4X4_50"}, CornerKind::kOutside).value(), 0.5, 1.2, 0.25},
+      {"corner_aprilgrid", corner_rig(AprilGrid{3, 3, 0.04, 0.3}, CornerKind::kOutside).value(), 0.5}};
 }
 
 std::ostream& operator<<(std::ostream& out, const Kind& kind) { return out << kind.name; }
@@ -89,14 +98,28 @@ TEST_P(Detector, FindsARenderedBoard) {
     EXPECT_EQ(s.wrong_id, 0) << view.image << " " << found->reason;
     // Tags that the image's edge cuts have corners in the image and cannot be read: two of ten in one view
     // here.
-    EXPECT_GE(static_cast<double>(s.n_found), 0.75 * static_cast<double>(s.n_true))
+    EXPECT_GE(static_cast<double>(s.n_found), GetParam().min_found * static_cast<double>(s.n_true))
         << view.image << " " << found->reason;
-    EXPECT_LT(s.worst_px, 0.25) << view.image;
+    EXPECT_LT(s.worst_px, GetParam().worst_px) << view.image;
     sum += s.rms_px * s.rms_px * static_cast<double>(s.n_found);
     n_seen += static_cast<int>(s.n_found);
   }
-  EXPECT_LT(std::sqrt(sum / n_seen), 0.1);
+  EXPECT_LT(std::sqrt(sum / n_seen), GetParam().rms_px);
   RecordProperty("rms_px", std::to_string(std::sqrt(sum / n_seen)));
+}
+
+// Where a print of that resolution has the target's points.
+std::vector<Corner> printed_corners(const Target& target, const Print& print, int dpi) {
+  const BoardDrawing d = draw_target(target)->at(0);
+  std::vector<Corner> truth;
+  for (std::size_t i = 0; i < target.points.size(); ++i) {
+    Vec2 mm = 1e3 * (target.points[i].head<2>() - 0.5 * (d.low + d.high));
+    if (d.y_up) mm.y() = -mm.y();
+    // The page's corner is the pixel's corner, (-0.5, -0.5).
+    truth.push_back(
+        {static_cast<int>(i), (0.5 * print.page_mm + mm) * dpi / 25.4 - Vec2::Constant(0.5), 1.0});
+  }
+  return truth;
 }
 
 // The PNG that `target print` writes, as a scanner would give it back: corners are where the page has them.
@@ -111,19 +134,51 @@ TEST_P(Detector, FindsAPrint) {
   cv::GaussianBlur(image, image, {5, 5}, 0.7);  // no scanner is as sharp as the print itself
   const auto found = detect_target(image, target);
   ASSERT_TRUE(found) << found.error().text();
-  const BoardDrawing d = draw_target(target)->at(0);
-  std::vector<Corner> truth;
-  for (std::size_t i = 0; i < target.points.size(); ++i) {
-    Vec2 mm = 1e3 * (target.points[i].head<2>() - 0.5 * (d.low + d.high));
-    if (d.y_up) mm.y() = -mm.y();
-    // The page's corner is the pixel's corner, (-0.5, -0.5).
-    truth.push_back(
-        {static_cast<int>(i), (0.5 * print.page_mm + mm) * dpi / 25.4 - Vec2::Constant(0.5), 1.0});
-  }
+  const std::vector<Corner> truth = printed_corners(target, print, dpi);
   const Score s = score(*found, truth);
   EXPECT_EQ(s.n_found, truth.size()) << found->reason;
   EXPECT_EQ(s.wrong_id, 0);
   EXPECT_LT(s.worst_px, 0.1);
+}
+
+// A legacy board without its last column is a current board shifted by one column: such an image cannot tell.
+// Another one of the run can.
+TEST(DetectorLayout, IsOneForAllImagesOfARun) {
+  Charuco board{7, 6, 0.028, 0.021, "5X5_100", 3, Charuco::Layout::kLegacy};
+  const Target printed = make_target(board).value();
+  board.layout = Charuco::Layout::kAuto;
+  const Target open = make_target(board).value();
+  const int dpi = 80;
+  const Print print = print_target(printed, {PrintFormat::kPng, "auto", dpi}).value();
+  cv::Mat whole =
+      cv::imdecode(std::vector<unsigned char>(print.bytes.begin(), print.bytes.end()), cv::IMREAD_GRAYSCALE);
+  cv::GaussianBlur(whole, whole, {5, 5}, 0.7);
+  std::vector<Corner> truth = printed_corners(printed, print, dpi);
+  cv::Mat cut = whole.clone();
+  cut.colRange(static_cast<int>(0.5 * (truth[4].px.x() + truth[5].px.x())), cut.cols).setTo(255);
+  const auto alone = detect_target(cut, open);
+  ASSERT_TRUE(alone);
+  EXPECT_EQ(alone->layout_vote, 0);
+  EXPECT_EQ(score(*alone, truth).n_found, 0U) << "the image tells the layout, so it tests nothing";
+
+  const test::TempDir dir;
+  cv::imwrite(dir / "whole.png", whole);
+  cv::imwrite(dir / "cut.png", cut);
+  const CameraImages a{"a", {dir / "cut.png"}, {"cut.png"}, {"cut"}};
+  const CameraImages b{"b", {dir / "whole.png"}, {"whole.png"}, {"whole"}};
+  const auto both = detect_dataset({a, b}, open);
+  ASSERT_TRUE(both) << both.error().text();
+  EXPECT_NE(both->detector.find("layout legacy"), std::string::npos) << both->detector;
+  EXPECT_EQ(both->detector.find("layout current"), std::string::npos) << both->detector;
+  for (const View& view : both->views) {
+    const Score s = score({view.corners, "", "", 0}, truth);
+    EXPECT_EQ(s.wrong_id, 0) << view.image;
+    EXPECT_GE(s.n_found, view.image == "cut.png" ? 15U : 30U) << view.image;
+  }
+  const auto one = detect_dataset({a}, open);
+  ASSERT_TRUE(one) << one.error().text();
+  EXPECT_NE(one->detector.find("layout current"), std::string::npos) << one->detector;
+  EXPECT_NE(one->detector.find("no image tells"), std::string::npos) << one->detector;
 }
 
 INSTANTIATE_TEST_SUITE_P(Targets, Detector, testing::ValuesIn(kinds()),

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "detect/strays.hpp"
+
+#include <algorithm>
+
+#include "detect/planar.hpp"
+#include "plumbline/core/linalg.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+/// Bounds [px] of the limit for strays. The upper one holds where most corners of a part are wrong and their
+/// median says nothing: a part without a rule to go by loses its corners.
+constexpr double kStrayFloor = 0.4, kStrayCap = 1.0;
+
+}  // namespace
+
+std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& at, int skip) {
+  std::vector<const Refined*> near;
+  for (const Refined& r : all)
+    if (r.point != skip) near.push_back(&r);
+  const std::size_t n = std::min<std::size_t>(near.size(), 16);
+  const auto nearer = [&](const Refined* a, const Refined* b) {
+    const double da = (a->board - at).squaredNorm(), db = (b->board - at).squaredNorm();
+    return da != db ? da < db : a->point < b->point;
+  };
+  std::partial_sort(near.begin(), near.begin() + static_cast<long>(n), near.end(), nearer);
+  std::vector<Vec2> from, to;
+  for (std::size_t i = 0; i < n; ++i) {
+    from.push_back(near[i]->board - at);
+    to.push_back(near[i]->px);
+  }
+  const auto H = fit_plane(from, to);
+  const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
+  if (!px) return std::nullopt;
+  Prediction out{*px, map_jacobian(*H, Vec2(0, 0))};
+  if (n < 10) return out;
+  MatX A(n, 6), rest(n, 2);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Vec2& p = from[i];
+    A.row(i) << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    rest.row(i) = (to[i] - map_point(*H, p).value_or(to[i])).transpose();
+  }
+  const auto x = solve_least_squares(A, rest.col(0)), y = solve_least_squares(A, rest.col(1));
+  if (!x || !y) return out;
+  out.px += Vec2((*x)(0), (*y)(0));
+  out.J += Mat2{{(*x)(1), (*x)(2)}, {(*y)(1), (*y)(2)}};
+  return out;
+}
+
+std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit) {
+  const auto error_of = [&](const Refined& r) {
+    const auto predicted = predict(corners, r.board, r.point);
+    return predicted ? (predicted->px - r.px).norm() : 1e9;
+  };
+  std::vector<double> error;
+  for (const Refined& r : corners) error.push_back(error_of(r));
+  if (limit <= 0 && !error.empty()) {
+    std::vector<double> sorted = error;
+    std::sort(sorted.begin(), sorted.end());
+    limit = std::clamp(6 * sorted[sorted.size() / 2], kStrayFloor, kStrayCap);
+  }
+  while (true) {
+    std::vector<std::size_t> strays;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      bool is_worst_here = error[i] > limit;
+      for (std::size_t j = 0; j < corners.size() && is_worst_here; ++j) {
+        is_worst_here = error[j] <= error[i] || (corners[j].board - corners[i].board).norm() > 1.5;
+      }
+      if (is_worst_here) strays.push_back(i);
+    }
+    if (strays.empty()) return corners;
+    std::vector<Vec2> gone;
+    for (auto i = strays.rbegin(); i != strays.rend(); ++i) {
+      gone.push_back(corners[*i].board);
+      corners.erase(corners.begin() + static_cast<long>(*i));
+      error.erase(error.begin() + static_cast<long>(*i));
+    }
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const auto is_near = [&](const Vec2& p) { return (p - corners[i].board).norm() < 4; };
+      if (std::any_of(gone.begin(), gone.end(), is_near)) error[i] = error_of(corners[i]);
+    }
+  }
+}
+
+}  // namespace plumbline::detail
