@@ -112,22 +112,22 @@ TargetSpec read_spec(const Field& field) {
 /// Kalibr's own files. Its rows and columns count inner corners and circles as ours do, and spacingMeters of
 /// an asymmetric grid is, as ours, half the distance of neighbours in a row: there circle (r, c) is at (2 c +
 /// r % 2, r). What differs is its frame, whose x runs along the rows for boards other than asymmetric grids
-/// and AprilGrids; a calibration does not depend on it.
+/// and AprilGrids; a calibration does not depend on it. Keys that are not known are passed over: these files
+/// come from elsewhere, and what is read here is required, so that a misspelt key is missed by its name.
 TargetSpec read_kalibr(const Field& field) {
   const Field type = field.at("target_type");
   const std::string word = type.text();
   const auto count = [&](const char* key) { return field.at(key).integer(1, 100000); };
   if (word == "aprilgrid") {
-    field.only({"target_type", "tagCols", "tagRows", "tagSize", "tagSpacing"});
+    const auto offset = field.find("codeOffset");
     return AprilGrid{count("tagCols"),
                      count("tagRows"),
                      field.at("tagSize").number(),
                      field.at("tagSpacing").number(),
                      "36h11",
-                     0};
+                     offset ? offset->integer(0, kMaxInt) : 0};
   }
   if (word == "checkerboard") {
-    field.only({"target_type", "targetCols", "targetRows", "rowSpacingMeters", "colSpacingMeters"});
     const double rows_m = field.at("rowSpacingMeters").number(),
                  columns_m = field.at("colSpacingMeters").number();
     if (rows_m != columns_m) {
@@ -141,10 +141,8 @@ TargetSpec read_kalibr(const Field& field) {
     return Chessboard{count("targetCols"), count("targetRows"), rows_m};
   }
   if (word == "circlegrid") {
-    field.only({"target_type", "targetCols", "targetRows", "spacingMeters", "asymmetricGrid"});
-    const auto asymmetric = field.find("asymmetricGrid");
     return Circles{count("targetCols"), count("targetRows"), field.at("spacingMeters").number(), 0.0,
-                   asymmetric && asymmetric->boolean()};
+                   field.at("asymmetricGrid").boolean()};
   }
   type.fail(fmt::format("Kalibr has no target_type '{}'; known are: aprilgrid, checkerboard, circlegrid",
                         word.substr(0, 40)));
