@@ -129,7 +129,6 @@ TEST(OpencvFormat, FourCoefficientsAreAFisheyeOnlyWhereTheFileSaysSo) {
 TEST(OpencvFormat, SaysWhatIsMissing) {
   const auto files = written("opencv", stereo());
   const auto error_of = [](std::vector<NamedBytes> given) { return read_rig(given).error().text(); };
-  EXPECT_THAT(error_of({files[0]}), HasSubstr("give extrinsics.yml"));
   EXPECT_THAT(error_of({files[1]}), HasSubstr("intrinsics.yml"));
   EXPECT_THAT(
       error_of(
@@ -201,6 +200,19 @@ TEST(RosFormat, ReadsWhatCameraCalibrationWrites) {
   uncalibrated.replace(uncalibrated.find("438.783367"), 10, "0");
   EXPECT_THAT(read_rig(std::vector<NamedBytes>{{"ost.yaml", uncalibrated}}).error().text(),
               HasSubstr("never calibrated"));
+}
+
+TEST(RosFormat, AThirdCameraThatWasNotRectifiedLeavesThePosesUnknown) {
+  Rig rig = rectified_pair();
+  rig.cameras.push_back(camera_of("third", "pinhole", {500, 500, 320, 240}));
+  rig.T_cam_rig.push_back(SE3(Mat3::Identity(), {0, 0.2, 0}));
+  const StereoRectification r = rectification();
+  WriteOptions options;
+  options.rectification = &r;
+  const auto back = read_rig(written("ros", rig, options));
+  ASSERT_TRUE(back) << back.error().text();
+  EXPECT_FALSE(poses_known(*back));
+  EXPECT_EQ(back->T_cam_rig[1], SE3());
 }
 
 class RosLens : public ::testing::TestWithParam<std::string> {};
@@ -365,6 +377,50 @@ TEST(ReadRig, TellsTheFormatFromTheContentAndRefusesMixtures) {
               HasSubstr("b: this file is of format kalibr"));
   EXPECT_THAT(error_of({{"a", kOpencvOwn}}, "kalibr"), HasSubstr("no 'cam0'"));
   EXPECT_THAT(error_of({{"a", kKalibrOwn}, {"b", kKalibrOwn}}), HasSubstr("give one"));
+}
+
+TEST(ReadRig, FilesWithoutPosesGiveCamerasWhosePosesAreNotKnown) {
+  const Rig rig = stereo();
+  EXPECT_TRUE(poses_known(rig));
+  EXPECT_TRUE(poses_known(*read_rig(written("opencv", rig))));
+  EXPECT_TRUE(poses_known(*read_rig(std::vector<NamedBytes>{{"a.yml", kOpencvOwn}})));  // one camera
+  for (const std::vector<NamedBytes>& files :
+       {std::vector<NamedBytes>{written("opencv", rig)[0]}, written("colmap", rig), written("ros", rig),
+        std::vector<NamedBytes>{{"a.yml", kOpencvOwn}, {"b.yml", kOpencvOwn}}}) {
+    const auto back = read_rig(files);
+    ASSERT_TRUE(back) << back.error().text();
+    ASSERT_EQ(back->cameras.size(), 2u);
+    EXPECT_FALSE(poses_known(*back)) << files[0].name;
+    EXPECT_EQ(back->T_cam_rig[1], SE3());
+    for (const Format* format : formats()) {
+      const auto again = format->write(*back, {});
+      const std::string_view name = format->name;
+      const bool needs_poses = name == "opencv" || name == "kalibr" || name == "mrcal";
+      EXPECT_EQ(!again, needs_poses) << name;
+      if (again) EXPECT_FALSE(poses_known(*read_rig(*again))) << name;
+      if (again || name == "kalibr") continue;  // kalibr does not know opencv5, and says that first
+      EXPECT_EQ(again.error().code, ErrorCode::kUnsupported);
+      EXPECT_THAT(again.error().text(), HasSubstr("the poses of the cameras are not known"));
+    }
+  }
+  Rig radtan = stereo("opencv4", {-0.28, 0.025, 0.0012, -0.00013});
+  EXPECT_TRUE(find_format("kalibr")->write(radtan, {}));
+  radtan.T_cam_rig[1] = radtan.T_cam_rig[0];
+  EXPECT_THAT(find_format("kalibr")->write(radtan, {}).error().text(),
+              HasSubstr("the poses of the cameras are not known"));
+}
+
+TEST(OpencvFormat, ThreeCamerasWithoutPosesAreWrittenWithoutPoses) {
+  Rig rig = stereo();
+  rig.cameras.push_back(camera_of("third", "pinhole", {500, 500, 320, 240}));
+  rig.T_cam_rig.assign(3, SE3());
+  const auto files = written("opencv", rig);
+  for (const NamedBytes& file : files) EXPECT_EQ(file.bytes.find("T_cam_rig"), std::string::npos);
+  EXPECT_FALSE(poses_known(*read_rig(files)));
+  rig.T_cam_rig = {SE3(), SE3(Mat3::Identity(), {-0.1, 0, 0}), SE3(Mat3::Identity(), {-0.2, 0, 0})};
+  auto mixed = written("opencv", rig);
+  mixed[1] = files[1];
+  EXPECT_THAT(read_rig(mixed).error().text(), HasSubstr("some cameras have a pose"));
 }
 
 TEST(ReadRig, NamesAreMadeDistinct) {

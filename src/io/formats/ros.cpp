@@ -125,17 +125,18 @@ Result<CameraInfo> read_info(const Field& root, const std::string& file) {
 Result<Rig> read(std::span<const NamedBytes> files) {
   Rig rig;
   std::vector<SE3> T_cam_rect1;
-  bool has_baseline = false;
+  bool all_have_baseline = files.size() > 1;
   for (const NamedBytes& file : files) {
     auto info = read_yaml<CameraInfo>(file.bytes, file.name,
                                       [&](const Field& root) { return read_info(root, file.name); });
     if (!info) return info.error();
+    // The first camera of a pair has none; beside it, a camera without one was not rectified with the others.
+    if (!rig.cameras.empty() && !info->has_baseline) all_have_baseline = false;
     rig.cameras.push_back(std::move(info->camera));
     T_cam_rect1.push_back(info->T_cam_rect1);
-    has_baseline = has_baseline || info->has_baseline;
   }
   rig.T_cam_rig.assign(files.size(), SE3());
-  if (!has_baseline || files.size() < 2) return rig;  // nothing says where the cameras stand
+  if (!all_have_baseline) return rig;  // nothing says where the cameras stand
   rig.T_cam_rig = T_cam_rect1;
   make_first_the_rig(rig);
   return rig;
