@@ -158,27 +158,27 @@ void write_spec(std::string& out, const std::string& indent, const TargetSpec& s
   const std::string type(target_type(spec));
   if (const auto* b = std::get_if<Chessboard>(&spec)) {
     line("type", type);
-    line("square_m", format_double(b->square_m));
+    line("square_m", number_text(b->square_m));
     line("corners", counts(b->columns, b->rows));
   } else if (const auto* c = std::get_if<Charuco>(&spec)) {
     line("type", type);
-    line("square_m", format_double(c->square_m));
-    line("marker_m", format_double(c->marker_m));
+    line("square_m", number_text(c->square_m));
+    line("marker_m", number_text(c->marker_m));
     line("dictionary", yaml_text(c->dictionary));
     line("first_id", std::to_string(c->first_id));
     line("layout", std::string(kLayouts[static_cast<std::size_t>(c->layout)]));
     line("squares", counts(c->columns, c->rows));
   } else if (const auto* a = std::get_if<AprilGrid>(&spec)) {
     line("type", type);
-    line("tag_m", format_double(a->tag_m));
-    line("spacing", format_double(a->spacing));
+    line("tag_m", number_text(a->tag_m));
+    line("spacing", number_text(a->spacing));
     line("family", yaml_text(a->family));
     line("first_id", std::to_string(a->first_id));
     line("tags", counts(a->columns, a->rows));
   } else if (const auto* d = std::get_if<Circles>(&spec)) {
     line("type", type);
-    line("spacing_m", format_double(d->spacing_m));
-    if (d->diameter_m != 0) line("diameter_m", format_double(d->diameter_m));
+    line("spacing_m", number_text(d->spacing_m));
+    if (d->diameter_m != 0) line("diameter_m", number_text(d->diameter_m));
     line("asymmetric", d->asymmetric ? "true" : "false");
     line("circles", counts(d->columns, d->rows));
   } else if (const auto* p = std::get_if<Points3d>(&spec)) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <sstream>
 
 #include "plumbline/geometry/so3.hpp"
 #include "support/support.hpp"
@@ -262,6 +263,37 @@ TEST_P(RosLens, RosOwnParserReadsOurFile) {
 INSTANTIATE_TEST_SUITE_P(All, RosLens, ::testing::Values("pinhole", "opencv4", "opencv5", "opencv8", "kb4"));
 
 // --- Kalibr ---
+
+/// The numbers in brackets that follow `key`.
+std::vector<double> numbers_after(const std::string& text, const std::string& key, std::size_t n) {
+  std::string rest = text.substr(text.find(key) + key.size());
+  rest.erase(0, rest.find('['));
+  for (char& c : rest) c = c == '[' || c == ']' || c == ',' ? ' ' : c;
+  for (auto at = rest.find("\n  - "); at != std::string::npos; at = rest.find("\n  - ")) rest[at + 3] = ' ';
+  std::istringstream in(rest);
+  std::vector<double> values(n, NAN);
+  for (double& value : values) in >> value;
+  return values;
+}
+
+// By hand, because a matrix that is transposed on the way out and on the way in comes back unharmed: a turn
+// by 20 degrees about y is [c 0 s; 0 1 0; -s 0 c], row by row.
+TEST(WriteFormats, RotationsAreWrittenRowByRowFromTheFirstCameraToTheSecond) {
+  Rig rig = stereo("opencv4", {-0.28, 0.025, 0.0012, -0.00013});
+  const double angle = 20 * M_PI / 180, c = 0.93969262078590838, s = 0.34202014332566873;
+  rig.T_cam_rig[1] = SE3(so3_exp({0, angle, 0}), {-0.1, 0.05, 0.02});
+  const auto expect_near = [](const std::vector<double>& got, const std::vector<double>& want) {
+    ASSERT_EQ(got.size(), want.size());
+    for (std::size_t i = 0; i < want.size(); ++i) EXPECT_NEAR(got[i], want[i], 1e-15) << i;
+  };
+  const std::string opencv = bytes_of(written("opencv", rig), "extrinsics.yml");
+  expect_near(numbers_after(opencv, "\nR: ", 9), {c, 0, s, 0, 1, 0, -s, 0, c});
+  expect_near(numbers_after(opencv, "\nT: ", 3), {-0.1, 0.05, 0.02});
+  expect_near(numbers_after(written("kalibr", rig)[0].bytes, "T_cn_cnm1:", 12),
+              {c, 0, s, -0.1, 0, 1, 0, 0.05, -s, 0, c, 0.02});
+  expect_near(numbers_after(written("mrcal", rig)[1].bytes, "'rt_cam_ref':", 6),
+              {0, angle, 0, -0.1, 0.05, 0.02});
+}
 
 const char* const kKalibrOwn =
     "cam0:\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_coeffs: [-0.3, 0.1, 0.001, -0.002]\n  "

@@ -38,7 +38,7 @@ Result<NamedBytes> write_camera(const Rig& rig, std::size_t i, const std::string
                      camera.size.height, is_fisheye(camera.lens) ? 1 : 0);
   out += opencv_matrix_text("camera_matrix", row_major(camera_matrix_k(camera.lens)), 3);
   out += opencv_matrix_text("distortion_coefficients", *d, d->size());
-  if (rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(rms_px));
+  if (rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", number_text(rms_px));
   if (rig.cameras.size() > 1 && poses_known(rig))
     out += opencv_matrix_text("T_cam_rig", row_major(rig.T_cam_rig[i].matrix()), 4);
   return NamedBytes{stem + ".yml", out};
@@ -86,7 +86,7 @@ Result<std::vector<NamedBytes>> write_pair(const Rig& rig, const WriteOptions& o
     out += opencv_matrix_text(fmt::format("M{}", n), row_major(camera_matrix_k(camera.lens)), 3);
     out += opencv_matrix_text(fmt::format("D{}", n), *d, d->size());
   }
-  if (options.rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(options.rms_px));
+  if (options.rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", number_text(options.rms_px));
   if (Status known = check_poses(kOpencvFormat, rig); !known) return known.error();
   return std::vector<NamedBytes>{{"intrinsics.yml", out}, {"extrinsics.yml", extrinsics_text(rig, options)}};
 }
