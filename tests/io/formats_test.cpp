@@ -164,6 +164,9 @@ TEST(RosFormat, CarriesRAndPAndReadsThePairBack) {
   ASSERT_TRUE(back) << back.error().text();
   EXPECT_EQ(back->T_cam_rig[0], SE3());
   EXPECT_LT(box_minus(back->T_cam_rig[1], rig.T_cam_rig[1]).norm(), 1e-14);
+  // The right camera first: the rig is then the right one's.
+  const auto turned = read_rig(std::vector<NamedBytes>{files[1], files[0]});
+  EXPECT_LT(box_minus(turned->T_cam_rig[1], rig.T_cam_rig[1].inverse()).norm(), 1e-14);
 }
 
 TEST(RosFormat, WithoutRectificationRIsTheIdentityAndPIsK) {
