@@ -32,13 +32,13 @@ void write_summary(std::string& out, const SolveStats& stats) {
   append(out,
          "summary:\n  rms_px: {}\n  rms_xy_px: {}\n  corners: {}\n  outliers: {}\n  iterations: {}\n  "
          "converged: {}\n",
-         format_double(stats.rms_px), format_double(stats.rms_xy_px), stats.n_corners, stats.n_outliers,
+         number_text(stats.rms_px), number_text(stats.rms_xy_px), stats.n_corners, stats.n_outliers,
          stats.iterations, yes_no(stats.converged));
   append(out, "  termination: {}\n", yaml_text(stats.termination));
   if (!stats.weak.empty()) out += "  weak:\n";
   for (const WeakDirection& weak : stats.weak) {
     append(out, "    - parameters: {}\n      sigma: {}\n      consequence: {}\n", yaml_text(weak.parameters),
-           format_double(weak.sigma), yaml_text(weak.consequence));
+           number_text(weak.sigma), yaml_text(weak.consequence));
   }
 }
 
@@ -103,7 +103,7 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
     write_corner(out, view.corners[i]);
     if (fitted) {
       const CornerFit& fit = calibration.fits[v][i];
-      append(out, " {} {} {}", format_double(fit.residual_px.x()), format_double(fit.residual_px.y()),
+      append(out, " {} {} {}", number_text(fit.residual_px.x()), number_text(fit.residual_px.y()),
              fit.outlier ? 1 : 0);
     }
     out += '\n';
@@ -204,7 +204,7 @@ void write_covariance(std::string& out, const MatX& covariance) {
     out += "  ";
     for (Eigen::Index c = 0; c < covariance.cols(); ++c) {
       if (c > 0) out += ' ';
-      out += format_double(covariance(r, c));
+      out += number_text(covariance(r, c));
     }
     out += '\n';
   }
@@ -311,7 +311,7 @@ void write_rig_fields(std::string& out, const Rig& rig) {
     const auto names = param_names(camera.lens);
     const auto values = params(camera.lens);
     for (std::size_t i = 0; i < names.size(); ++i)
-      append(out, "      {}: {}\n", names[i], format_double(values[i]));
+      append(out, "      {}: {}\n", names[i], number_text(values[i]));
   }
   out += "T_cam_rig:\n";
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {

@@ -38,11 +38,11 @@ Corner read_corner(const Field& block, int line, const std::vector<std::string_v
 
 void write_corner(std::string& out, const Corner& corner) {
   fmt::format_to(std::back_inserter(out), "{} ", corner.point);
-  out += format_double(corner.px.x());
+  out += number_text(corner.px.x());
   out += ' ';
-  out += format_double(corner.px.y());
+  out += number_text(corner.px.y());
   out += ' ';
-  out += format_double(corner.sigma_px);
+  out += number_text(corner.sigma_px);
 }
 
 void check_version(const Field& root, std::string_view key, int newest) {

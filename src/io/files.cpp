@@ -8,11 +8,13 @@
 
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <optional>
 #include <system_error>
 #include <utility>
 
+#include "io/own_files.hpp"
 #include "plumbline/core/check.hpp"
 
 namespace plumbline {
@@ -149,14 +151,34 @@ Status write_file(const fs::path& path, std::string_view bytes, bool force) {
 
 namespace {
 
-/// Whether the working directory is `directory` or below it: replacing that would pull the floor from under
-/// the user.
-bool holds_working_directory(const fs::path& directory) {
+/// Whether `inner` is `directory` or below it.
+bool holds(const fs::path& directory, const fs::path& inner) {
   std::error_code error;
-  const fs::path inner = fs::current_path(error), outer = fs::canonical(directory, error);
+  const fs::path in = fs::canonical(inner, error);
   if (error) return false;
-  const auto [a, b] = std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end());
+  const fs::path outer = fs::canonical(directory, error);
+  if (error) return false;
+  const auto [a, b] = std::mismatch(outer.begin(), outer.end(), in.begin(), in.end());
   return a == outer.end();
+}
+
+/// Whether all of an existing directory may go: replacing it removes what is in it.
+Status check_replaceable(const fs::path& directory) {
+  std::error_code ignored;
+  const char* const home = std::getenv("HOME");
+  const char* what = nullptr;
+  if (holds(directory, fs::current_path(ignored))) what = "the working directory";
+  if (home && *home && holds(directory, home)) what = "your home directory";
+  if (what) {
+    return io_error(directory,
+                    fmt::format("holds {} and will not be replaced; give the name of a new directory", what));
+  }
+  if (const auto foreign = io::foreign_file(directory)) {
+    return io_error(directory,
+                    fmt::format("holds {}, which Plumbline did not write; remove it or choose another -o",
+                                foreign->string()));
+  }
+  return {};
 }
 
 Status check_destination(const fs::path& directory, bool force) {
@@ -165,11 +187,7 @@ Status check_destination(const fs::path& directory, bool force) {
   if (!fs::exists(old)) return {};
   if (!fs::is_directory(old)) return io_error(directory, "is a file; give the name of a directory");
   if (!force) return io_error(directory, kExists);
-  if (holds_working_directory(directory)) {
-    return io_error(directory,
-                    "holds the working directory and will not be replaced; give the name of a new directory");
-  }
-  return {};
+  return check_replaceable(directory);
 }
 
 /// Puts `fresh` in the place of the directory `old` and removes what was there. 0 or the error, and then
@@ -272,6 +290,8 @@ Status OutputDir::commit() {
   PLUMBLINE_CHECK(!temporary_.empty(), "the directory was committed already");
   std::error_code ignored;
   const bool replace = force_ && fs::is_directory(final_, ignored);
+  // Again: hours may have passed since create().
+  if (Status fit = replace ? check_replaceable(final_) : Status(); !fit) return fit;
   const int error = replace ? replace_directory(temporary_, final_) : rename_to_new(temporary_, final_);
   if (error == EEXIST) return io_error(final_, kExists);
   if (error != 0) return io_error(final_, "cannot be put in its place: " + reason(error));

@@ -66,6 +66,15 @@ const Format* find_format(std::string_view name) {
   return nullptr;
 }
 
+bool poses_known(const Rig& rig) {
+  for (std::size_t i = 0; i < rig.T_cam_rig.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (box_minus(rig.T_cam_rig[i], rig.T_cam_rig[j]).norm() < 1e-9) return false;
+    }
+  }
+  return true;
+}
+
 Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name) {
   if (files.empty()) return Error{ErrorCode::kInvalidData, "no camera file was given", ""};
   const Format* format = find_format(format_name);

@@ -112,22 +112,22 @@ TargetSpec read_spec(const Field& field) {
 /// Kalibr's own files. Its rows and columns count inner corners and circles as ours do, and spacingMeters of
 /// an asymmetric grid is, as ours, half the distance of neighbours in a row: there circle (r, c) is at (2 c +
 /// r % 2, r). What differs is its frame, whose x runs along the rows for boards other than asymmetric grids
-/// and AprilGrids; a calibration does not depend on it.
+/// and AprilGrids; a calibration does not depend on it. Keys that are not known are passed over: these files
+/// come from elsewhere, and what is read here is required, so that a misspelt key is missed by its name.
 TargetSpec read_kalibr(const Field& field) {
   const Field type = field.at("target_type");
   const std::string word = type.text();
   const auto count = [&](const char* key) { return field.at(key).integer(1, 100000); };
   if (word == "aprilgrid") {
-    field.only({"target_type", "tagCols", "tagRows", "tagSize", "tagSpacing"});
+    const auto offset = field.find("codeOffset");
     return AprilGrid{count("tagCols"),
                      count("tagRows"),
                      field.at("tagSize").number(),
                      field.at("tagSpacing").number(),
                      "36h11",
-                     0};
+                     offset ? offset->integer(0, kMaxInt) : 0};
   }
   if (word == "checkerboard") {
-    field.only({"target_type", "targetCols", "targetRows", "rowSpacingMeters", "colSpacingMeters"});
     const double rows_m = field.at("rowSpacingMeters").number(),
                  columns_m = field.at("colSpacingMeters").number();
     if (rows_m != columns_m) {
@@ -141,10 +141,8 @@ TargetSpec read_kalibr(const Field& field) {
     return Chessboard{count("targetCols"), count("targetRows"), rows_m};
   }
   if (word == "circlegrid") {
-    field.only({"target_type", "targetCols", "targetRows", "spacingMeters", "asymmetricGrid"});
-    const auto asymmetric = field.find("asymmetricGrid");
     return Circles{count("targetCols"), count("targetRows"), field.at("spacingMeters").number(), 0.0,
-                   asymmetric && asymmetric->boolean()};
+                   field.at("asymmetricGrid").boolean()};
   }
   type.fail(fmt::format("Kalibr has no target_type '{}'; known are: aprilgrid, checkerboard, circlegrid",
                         word.substr(0, 40)));
@@ -160,27 +158,27 @@ void write_spec(std::string& out, const std::string& indent, const TargetSpec& s
   const std::string type(target_type(spec));
   if (const auto* b = std::get_if<Chessboard>(&spec)) {
     line("type", type);
-    line("square_m", format_double(b->square_m));
+    line("square_m", number_text(b->square_m));
     line("corners", counts(b->columns, b->rows));
   } else if (const auto* c = std::get_if<Charuco>(&spec)) {
     line("type", type);
-    line("square_m", format_double(c->square_m));
-    line("marker_m", format_double(c->marker_m));
+    line("square_m", number_text(c->square_m));
+    line("marker_m", number_text(c->marker_m));
     line("dictionary", yaml_text(c->dictionary));
     line("first_id", std::to_string(c->first_id));
     line("layout", std::string(kLayouts[static_cast<std::size_t>(c->layout)]));
     line("squares", counts(c->columns, c->rows));
   } else if (const auto* a = std::get_if<AprilGrid>(&spec)) {
     line("type", type);
-    line("tag_m", format_double(a->tag_m));
-    line("spacing", format_double(a->spacing));
+    line("tag_m", number_text(a->tag_m));
+    line("spacing", number_text(a->spacing));
     line("family", yaml_text(a->family));
     line("first_id", std::to_string(a->first_id));
     line("tags", counts(a->columns, a->rows));
   } else if (const auto* d = std::get_if<Circles>(&spec)) {
     line("type", type);
-    line("spacing_m", format_double(d->spacing_m));
-    if (d->diameter_m != 0) line("diameter_m", format_double(d->diameter_m));
+    line("spacing_m", number_text(d->spacing_m));
+    if (d->diameter_m != 0) line("diameter_m", number_text(d->diameter_m));
     line("asymmetric", d->asymmetric ? "true" : "false");
     line("circles", counts(d->columns, d->rows));
   } else if (const auto* p = std::get_if<Points3d>(&spec)) {

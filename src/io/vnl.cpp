@@ -156,8 +156,8 @@ std::string format_vnl(const Dataset& data, int cam) {
         continue;
       }
       const auto level = std::lround(std::log2(corner->sigma_px / finest_px));
-      out += fmt::format("{} {} {} {}\n", name, format_double(corner->px.x()), format_double(corner->px.y()),
-                         level);
+      out += fmt::format("{} {} {} {}\n", name, io::number_text(corner->px.x()),
+                         io::number_text(corner->px.y()), level);
       ++corner;
     }
   }

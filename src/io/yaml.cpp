@@ -313,11 +313,13 @@ std::string yaml_text(std::string_view text) {
   return quoted + '"';
 }
 
+std::string number_text(double value) { return format_double(value == 0 ? 0.0 : value); }
+
 std::string yaml_numbers(const double* values, std::size_t n) {
   std::string text = "[";
   for (std::size_t i = 0; i < n; ++i) {
     if (i > 0) text += ", ";
-    text += format_double(values[i]);
+    text += number_text(values[i]);
   }
   return text + "]";
 }

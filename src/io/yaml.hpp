@@ -120,6 +120,9 @@ std::string nearest_word(std::string_view word, const std::vector<std::string_vi
 
 /// A string as a YAML scalar: plain where that is safe, else in double quotes.
 std::string yaml_text(std::string_view text);
+/// A number as all files of this module have it: 17 digits, and no negative zero, which says nothing to a
+/// reader and makes files differ that mean the same.
+std::string number_text(double value);
 /// "[1, 2, 3]" with 17 digits.
 std::string yaml_numbers(const double* values, std::size_t n);
 template <class Vector>

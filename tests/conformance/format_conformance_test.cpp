@@ -35,7 +35,7 @@ Rig rig_of(std::string_view lens, int n_cameras) {
     rig.cameras.push_back(
         {"cam_" + std::string(1, static_cast<char>('a' + i)), kSize, lens_with_everything(lens, i)});
     rig.T_cam_rig.push_back(i == 0 ? SE3()
-                                   : SE3(so3_exp({0.02 * i, -0.3, 0.1}), {-0.11 * i, 0.01, 1.0 / 300}));
+                                   : SE3(so3_exp({0.02 * i, -0.35, 0.1}), {-0.11 * i, 0.05, 1.0 / 300}));
   }
   return rig;
 }

@@ -13,6 +13,23 @@ namespace plumbline {
 namespace {
 using ::testing::HasSubstr;
 
+TEST(CalibrationYaml, HasNoNegativeZero) {
+  Calibration calibration = test::example_calibration();
+  calibration.rig.T_cam_rig[1].qt = {1, -0.0, 0, -0.0, -0.1, -0.0, 0};
+  calibration.fits[0][0].residual_px = {-0.0, 0.5};
+  calibration.data.views[0].corners[0].px = {-0.0, 3};
+  (*calibration.covariance)(0, 1) = -0.0;
+  const std::string yaml = format_calibration(calibration);
+  // "-0" that no digit or point follows.
+  for (auto at = yaml.find("-0"); at != std::string::npos; at = yaml.find("-0", at + 1)) {
+    EXPECT_NE(std::string(".0123456789").find(yaml.at(at + 2)), std::string::npos)
+        << yaml.substr(at - 30, 60);
+  }
+  EXPECT_THAT(yaml,
+              HasSubstr("{quaternion_wxyz: [1, 0, 0, 0], translation_m: [-0.10000000000000001, 0, 0]}"));
+  EXPECT_EQ(format_calibration(*parse_calibration(yaml)), yaml);
+}
+
 TEST(CalibrationYaml, GivesEverythingBackToTheLastBit) {
   const Calibration a = test::example_calibration();
   const std::string yaml = format_calibration(a);
@@ -28,7 +45,8 @@ TEST(CalibrationYaml, GivesEverythingBackToTheLastBit) {
     EXPECT_EQ(lens_name(b.rig.cameras[i].lens), lens_name(a.rig.cameras[i].lens));
     const auto p = params(a.rig.cameras[i].lens), q = params(b.rig.cameras[i].lens);
     for (std::size_t k = 0; k < p.size(); ++k) {
-      EXPECT_EQ(std::bit_cast<std::uint64_t>(p[k]), std::bit_cast<std::uint64_t>(q[k])) << k;
+      // The sum turns the one -0 into 0, which is how it is written.
+      EXPECT_EQ(std::bit_cast<std::uint64_t>(p[k] + 0.0), std::bit_cast<std::uint64_t>(q[k])) << k;
     }
   }
   EXPECT_EQ(b.rig.T_cam_rig, a.rig.T_cam_rig);

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <csignal>
+#include <cstdlib>
 #include <fstream>
 #include <iterator>
 
@@ -173,19 +174,87 @@ TEST(OutputDir, VanishesWithoutCommit) {
 TEST(OutputDir, AnExistingOneIsReplacedOnlyWithForceAndOnlyAtCommit) {
   const TempDir dir;
   fs::create_directory(dir / "out");
-  write_text(dir / "out" / "old", "old");
+  write_text(dir / "out" / "corners.yaml", "old");
   EXPECT_NE(OutputDir::create(dir / "out", false).error().message.find("--force"), std::string::npos);
   {
     auto out = OutputDir::create(dir / "out", true);
     ASSERT_TRUE(out->write("new", "new"));
-    EXPECT_EQ(read_text(dir / "out" / "old"), "old");
+    EXPECT_EQ(read_text(dir / "out" / "corners.yaml"), "old");
   }
-  EXPECT_EQ(read_text(dir / "out" / "old"), "old");
+  EXPECT_EQ(read_text(dir / "out" / "corners.yaml"), "old");
   auto out = OutputDir::create(dir / "out", true);
   ASSERT_TRUE(out->write("new", "new"));
   ASSERT_TRUE(out->commit());
   EXPECT_EQ(names_in(dir / "out"), std::vector<std::string>{"new"});
   EXPECT_EQ(names_in(dir.path()), std::vector<std::string>{"out"});
+}
+
+TEST(OutputDir, WhatIsNotOursIsNeverReplaced) {
+  const TempDir dir;
+  const fs::path out = dir / "out";
+  fs::create_directories(out / "left");
+  write_text(out / "calibration.yaml", "old");
+  write_text(out / "left" / "01.png", "old");
+  const auto refused_for = [&](const fs::path& foreign) {
+    fs::create_directories((out / foreign).parent_path());
+    write_text(out / foreign, "mine");
+    const auto refused = OutputDir::create(out, true);
+    const std::string message = refused ? "" : refused.error().message;
+    EXPECT_EQ(message, "holds " + foreign.string() +
+                           ", which Plumbline did not write; remove it or choose another -o");
+    EXPECT_EQ(read_text(out / foreign), "mine");
+    fs::remove(out / foreign);
+  };
+  refused_for("keep.dat");
+  refused_for("keep.txt");
+  refused_for("photograph.png");  // images of ours are in a folder with the name of the camera
+  refused_for("left/02.jpg");
+  refused_for(".git");
+  refused_for("board.yaml");  // the user's target: no camera is in it
+  fs::create_directories(out / "left" / "deeper");
+  EXPECT_FALSE(OutputDir::create(out, true));
+  fs::remove(out / "left" / "deeper");
+  fs::create_symlink("calibration.yaml", out / "cameras.txt");
+  EXPECT_FALSE(OutputDir::create(out, true));
+  fs::remove(out / "cameras.txt");
+  EXPECT_EQ(names_in(out), (std::vector<std::string>{"calibration.yaml", "left"}));
+  EXPECT_EQ(names_in(dir.path()), std::vector<std::string>{"out"});
+  // Camera files have the names of their cameras.
+  write_text(out / "any name.yml", "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n");
+  EXPECT_TRUE(OutputDir::create(out, true));
+}
+
+TEST(OutputDir, WhatCameInTheMeantimeIsNotReplacedEither) {
+  const TempDir dir;
+  fs::create_directory(dir / "out");
+  write_text(dir / "out" / "calibration.yaml", "old");
+  {
+    auto out = OutputDir::create(dir / "out", true);
+    ASSERT_TRUE(out);
+    ASSERT_TRUE(out->write("calibration.yaml", "new"));
+    write_text(dir / "out" / "keep.dat", "mine");
+    const Status late = out->commit();
+    ASSERT_FALSE(late);
+    EXPECT_EQ(late.error().code, ErrorCode::kIo);
+    EXPECT_NE(late.error().message.find("keep.dat"), std::string::npos);
+  }
+  EXPECT_EQ(read_text(dir / "out" / "keep.dat"), "mine");
+  EXPECT_EQ(read_text(dir / "out" / "calibration.yaml"), "old");
+  EXPECT_EQ(names_in(dir.path()), std::vector<std::string>{"out"});
+}
+
+TEST(OutputDir, TheHomeDirectoryAndWhatIsAboveItAreNeverReplaced) {
+  const TempDir dir;
+  fs::create_directories(dir / "users" / "me");
+  const char* const old = std::getenv("HOME");
+  const std::string before = old ? old : "";
+  setenv("HOME", (dir / "users" / "me").c_str(), 1);
+  for (const fs::path& place : {dir / "users" / "me", dir / "users"}) {
+    const auto refused = OutputDir::create(place, true);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message.find("home directory"), std::string::npos);
+  }
+  old ? setenv("HOME", before.c_str(), 1) : unsetenv("HOME");
 }
 
 TEST(OutputDir, OneMadeInTheMeantimeIsNotTouched) {

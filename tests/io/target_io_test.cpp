@@ -95,6 +95,26 @@ TEST(TargetIo, ReadsKalibrsFilesAsTheyAre) {
             TargetSpec(Circles{6, 7, 0.02, 0, false}));
 }
 
+TEST(TargetIo, KalibrsFirstTagIsReadAndItsOtherKeysArePassedOver) {
+  const auto april = parse_target(
+      "#subset of the board\ntarget_type: 'aprilgrid'\ntagCols: 6\ntagRows: 5\ntagSize: 0.088\ntagSpacing: "
+      "0.3\ncodeOffset: 40 #first tag\nsubset: {a: [1]}\n");
+  ASSERT_TRUE(april) << april.error().text();
+  EXPECT_EQ(april->spec, TargetSpec(AprilGrid{6, 5, 0.088, 0.3, "36h11", 40}));
+  EXPECT_TRUE(
+      parse_target("{target_type: checkerboard, targetCols: 6, targetRows: 7, rowSpacingMeters: 0.06, "
+                   "colSpacingMeters: 0.06, note: x}"));
+  EXPECT_THAT(error_of("target_type: aprilgrid\ntagCols: 6\ntagRows: 5\ntagSize: 0.088\ntagSpacing: "
+                       "0.3\ncodeOffset: -1\n"),
+              HasSubstr("codeOffset, line 6: -1 is not within"));
+  // A key that was misspelt is not passed over in silence.
+  EXPECT_THAT(error_of("{target_type: circlegrid, targetCols: 6, targetRows: 7, spacingMeters: 0.02, "
+                       "asymetricGrid: true}"),
+              HasSubstr("'asymmetricGrid' is missing"));
+  EXPECT_THAT(error_of("{type: aprilgrid, tags: [6, 5], tag_m: 0.088, spacing: 0.3, codeOffset: 1}"),
+              HasSubstr("unknown key 'codeOffset'"));
+}
+
 // Kalibr's GridCalibrationTargetCirclegrid puts circle (r, c) of an asymmetric grid at ((2 c + r % 2) s, r
 // s): the neighbour in the row is 2 s away, and the first circle of the second row is at (s, s).
 TEST(TargetIo, KalibrsAsymmetricSpacingIsHalfARowsPitch) {

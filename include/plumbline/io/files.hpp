@@ -26,12 +26,15 @@ Status write_file(const std::filesystem::path& file, std::string_view bytes, boo
 
 /// A directory that appears whole or not at all: write into path(), then commit(). Without commit() (an
 /// error, an exception) it vanishes. An existing directory is replaced only with `force`, and only at
-/// commit(); when that fails the old one is still there. Until then the files are in a hidden sibling
+/// commit(); when that fails the old one is still there. It is replaced only when all that is in it may be
+/// Plumbline's (the names of its results, camera files, one level of folders of .png files). Until then the
+/// files are in a hidden sibling
 /// (".plumbline-PID-N"); a killed program leaves that one behind.
 class OutputDir {
  public:
-  /// kIo when the directory exists and `force` is not set, when it is a file, when it is the working
-  /// directory or above it, or when its parent cannot be written. Missing parents are made too, and vanish
+  /// kIo when the directory exists and `force` is not set, when it is a file, when it is the working or the
+  /// home directory or above one of them, when it holds a file that is not ours (which is named), or when its
+  /// parent cannot be written. Missing parents are made too, and vanish
   /// again without commit().
   static Result<OutputDir> create(const std::filesystem::path& directory, bool force);
   OutputDir(OutputDir&&) noexcept;
@@ -41,7 +44,8 @@ class OutputDir {
   /// Writes path() / name, where `name` may have folders of its own; kInvalidData when it would leave the
   /// directory.
   Status write(const std::string& name, std::string_view bytes) const;
-  /// Gives the directory its name. \pre not committed yet
+  /// Gives the directory its name; kIo as create() when something foreign came in the meantime. \pre not
+  /// committed yet
   Status commit();
 
  private:

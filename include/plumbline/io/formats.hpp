@@ -28,7 +28,8 @@ struct Format {
   std::string_view
       lenses;  ///< names of the lenses it can express, separated by blanks; a test holds it to that
   bool carries_extrinsics;  ///< whether a rig comes back whole
-  /// kUnsupported names the lens or the number of cameras that the format cannot express.
+  /// kUnsupported names the lens or the number of cameras that the format cannot express, or says that the
+  /// format's files need poses and poses_known() is false.
   Result<std::vector<NamedBytes>> (*write)(const Rig&, const WriteOptions&);
   /// From the files of one rig, in the order of its cameras. nullptr: write only.
   Result<Rig> (*read)(std::span<const NamedBytes>);
@@ -41,7 +42,13 @@ std::span<const Format* const> formats();
 const Format* find_format(std::string_view name);
 
 /// Reads camera files of any known format (told from their content), Plumbline's own calibration.yaml
-/// included. `format_name` empty: find out.
+/// included. `format_name` empty: find out. Where the files say nothing about where the cameras stand, every
+/// T_cam_rig is the identity, and poses_known() of the rig is false.
 Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name = "");
+
+/// False when two cameras of the rig have the same pose, to 1e-9 m and rad: no two cameras stand in one
+/// place, so those poses are the identities of a file without any. Such a rig serves for what concerns each
+/// camera by itself. A rig of one camera has its pose.
+bool poses_known(const Rig& rig);
 
 }  // namespace plumbline

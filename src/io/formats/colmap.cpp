@@ -44,7 +44,7 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
     values[3] += kPixelShift;
     values.insert(values.end(), model->d.begin(), model->d.end());
     out += fmt::format("{} {} {} {}", i + 1, model->name, camera.size.width, camera.size.height);
-    for (double value : values) out += " " + format_double(value);
+    for (double value : values) out += " " + number_text(value);
     out += "\n";
   }
   return std::vector<NamedBytes>{{"cameras.txt", out}};

@@ -27,6 +27,15 @@ Error unsupported_lens(const Format& format, const Camera& camera) {
           "camera " + camera.name};
 }
 
+Status check_poses(const Format& format, const Rig& rig) {
+  if (poses_known(rig)) return {};
+  return Error{ErrorCode::kUnsupported,
+               "the poses of the cameras are not known: two of them have the same. Give the files "
+               "that hold them too (extrinsics.yml), or convert one camera at a time; ros and "
+               "colmap need none",
+               fmt::format("format {}", format.name)};
+}
+
 std::vector<std::string> file_stems(const Rig& rig) {
   std::vector<std::string> stems;
   std::set<std::string> taken;

@@ -16,6 +16,10 @@ extern const Format kNativeFormat, kOpencvFormat, kRosFormat, kKalibrFormat, kMr
 /// kUnsupported: names the lens, the camera, what the format can express and who can express the lens.
 Error unsupported_lens(const Format& format, const Camera& camera);
 
+/// kUnsupported where poses_known() is false, for writers whose files need poses: identities would be false
+/// ones.
+Status check_poses(const Format& format, const Rig& rig);
+
 /// Names of files for the cameras: their names without what a file name cannot hold, made distinct.
 std::vector<std::string> file_stems(const Rig& rig);
 /// "left" of "some/where/left.yaml".

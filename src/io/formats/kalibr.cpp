@@ -53,6 +53,7 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
     if (i > 0)
       out += pose_text("T_cn_cnm1", relative_pose(rig, static_cast<int>(i) - 1, static_cast<int>(i)));
   }
+  if (Status known = check_poses(kKalibrFormat, rig); !known) return known.error();
   return std::vector<NamedBytes>{{"camchain.yaml", out}};
 }
 

@@ -41,6 +41,7 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
     out += fmt::format("    'imagersize': [{}, {}],\n}}\n", camera.size.width, camera.size.height);
     files.push_back({stems[i] + ".cameramodel", out});
   }
+  if (Status known = check_poses(kMrcalFormat, rig); !known) return known.error();
   return files;
 }
 

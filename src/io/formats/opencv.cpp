@@ -38,8 +38,9 @@ Result<NamedBytes> write_camera(const Rig& rig, std::size_t i, const std::string
                      camera.size.height, is_fisheye(camera.lens) ? 1 : 0);
   out += opencv_matrix_text("camera_matrix", row_major(camera_matrix_k(camera.lens)), 3);
   out += opencv_matrix_text("distortion_coefficients", *d, d->size());
-  if (rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(rms_px));
-  if (rig.cameras.size() > 1) out += opencv_matrix_text("T_cam_rig", row_major(rig.T_cam_rig[i].matrix()), 4);
+  if (rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", number_text(rms_px));
+  if (rig.cameras.size() > 1 && poses_known(rig))
+    out += opencv_matrix_text("T_cam_rig", row_major(rig.T_cam_rig[i].matrix()), 4);
   return NamedBytes{stem + ".yml", out};
 }
 
@@ -85,7 +86,8 @@ Result<std::vector<NamedBytes>> write_pair(const Rig& rig, const WriteOptions& o
     out += opencv_matrix_text(fmt::format("M{}", n), row_major(camera_matrix_k(camera.lens)), 3);
     out += opencv_matrix_text(fmt::format("D{}", n), *d, d->size());
   }
-  if (options.rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", format_double(options.rms_px));
+  if (options.rms_px > 0) out += fmt::format("avg_reprojection_error: {}\n", number_text(options.rms_px));
+  if (Status known = check_poses(kOpencvFormat, rig); !known) return known.error();
   return std::vector<NamedBytes>{{"intrinsics.yml", out}, {"extrinsics.yml", extrinsics_text(rig, options)}};
 }
 
@@ -215,8 +217,9 @@ Result<Rig> read(std::span<const NamedBytes> files) {
     return fail("only poses; the file with the cameras (intrinsics.yml) is needed too");
   if (T_2_1 && rig.cameras.size() != 2) return fail("R and T belong to two cameras; give exactly those");
   if (T_2_1) rig.T_cam_rig[1] = *T_2_1;
-  if (!T_2_1 && n_poses != rig.cameras.size() && rig.cameras.size() > 1) {
-    return fail("not every camera has a pose; give extrinsics.yml (R, T) too, or one camera at a time");
+  // None at all is what OpenCV's own files for single cameras say: poses_known() is false then.
+  if (!T_2_1 && n_poses != 0 && n_poses != rig.cameras.size()) {
+    return fail("some cameras have a pose (T_cam_rig) and others have none; give files of one rig");
   }
   make_first_the_rig(rig);
   return rig;

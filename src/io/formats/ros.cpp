@@ -125,17 +125,19 @@ Result<CameraInfo> read_info(const Field& root, const std::string& file) {
 Result<Rig> read(std::span<const NamedBytes> files) {
   Rig rig;
   std::vector<SE3> T_cam_rect1;
-  bool has_baseline = false;
+  int n_without_baseline = 0;
   for (const NamedBytes& file : files) {
     auto info = read_yaml<CameraInfo>(file.bytes, file.name,
                                       [&](const Field& root) { return read_info(root, file.name); });
     if (!info) return info.error();
     rig.cameras.push_back(std::move(info->camera));
     T_cam_rect1.push_back(info->T_cam_rect1);
-    has_baseline = has_baseline || info->has_baseline;
+    n_without_baseline += !info->has_baseline;
   }
   rig.T_cam_rig.assign(files.size(), SE3());
-  if (!has_baseline || files.size() < 2) return rig;  // nothing says where the cameras stand
+  // The first of the rectified cameras has no baseline; a second one without was not rectified with the
+  // others, and then nothing says where it stands.
+  if (files.size() < 2 || n_without_baseline > 1) return rig;
   rig.T_cam_rig = T_cam_rect1;
   make_first_the_rig(rig);
   return rig;
