@@ -14,7 +14,7 @@ namespace plumbline::detail {
 namespace {
 
 constexpr int kMinTags = 4;
-constexpr double kMinClean = 2.5;  ///< [px] around a corner, see add_candidate
+constexpr double kMinClean = 3.4;  ///< [px] around a corner, see add_candidate
 
 /// Board in units of the tag's size, Kalibr's axes (y up), counted from point 0.
 std::vector<PlacedQuad> place(const AprilGrid& board, const std::vector<Marker>& tags) {

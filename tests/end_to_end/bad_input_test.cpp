@@ -153,6 +153,12 @@ TEST_F(BadInput, AnExistingOutputIsNotTouchedWithoutForce) {
   EXPECT_THAT(again.err, HasSubstr("--force"));
   EXPECT_EQ(test::read_text(dir / "out/calibration.yaml"), before);
   EXPECT_EQ(test::read_text(dir / "out/mine.txt"), "keep me");
+  // --force replaces results, and nothing that is not one.
+  const test::Run foreign = calibrate_vnl("good.vnl", "--lens opencv4 --force");
+  EXPECT_EQ(foreign.exit_code, 1);
+  EXPECT_THAT(foreign.err, HasSubstr("mine.txt"));
+  EXPECT_EQ(test::read_text(dir / "out/mine.txt"), "keep me");
+  fs::remove(dir / "out/mine.txt");
   EXPECT_EQ(calibrate_vnl("good.vnl", "--lens opencv4 --force").exit_code, 0);
   EXPECT_NE(test::read_text(dir / "out/calibration.yaml"), before);
 }
