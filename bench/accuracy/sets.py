@@ -53,7 +53,7 @@ SETS = [
          known=None, remark="six views; no published answer"),
     dict(name="euroc_imu_april", target=aprilgrid(), lens="opencv5", corners="yac_frames", image_size="752x480",
          folder="yac_euroc_april/imu_april", cams={"cam0": "cam0/*", "cam1": "cam1/*"},
-         known=dict(fx=[458.654, 457.587], rms=None, by="EuRoC's Kalibr (two radial terms), |t| 0.11008 m")),
+         known=dict(fx=[458.654, 457.587], rms=None, by="EuRoC's Kalibr (two radial terms), baseline 0.11008 m")),
     dict(name="euroc_half_second", target=aprilgrid(), lens="opencv5", corners="yac_half_second", image_size="752x480",
          folder="yac_euroc_april/sequence", cams={"cam0": "cam0/*"}, expect_weak=True,
          known=dict(fx=[458.654], rms=None, by="EuRoC's Kalibr"),
