@@ -193,7 +193,7 @@ CameraRays camera_rays(const Lens& lens, ImageSize size, int n_threads) {
 
 cv::Mat render_grey_levels(const std::vector<BoardDrawing>& drawings, const CameraRays& rays,
                            const SE3& T_cam_target, const RenderOptions& options) {
-  const auto [width, height] = rays.size;
+  const int width = rays.size.width, height = rays.size.height;  // no binding: clang 14 cannot capture one
   PLUMBLINE_CHECK(rays.rays.size() == static_cast<std::size_t>(width + 1) * (height + 1),
                   "render: rays do not fit the size");
   std::vector<Board> boards;
