@@ -30,7 +30,7 @@ std::vector<Kind> kinds() {
   legacy.layout = Charuco::Layout::kLegacy;
   return {
       {"chessboard", Chessboard{9, 6, 0.025}},
-      // The image's edge cuts the board in view 000: 13 of its 20 corners are told, none of them wrongly.
+      // In view 000 13 of 20 corners are told, none wrongly; what leaves out the other seven is not known.
       {"charuco", charuco, 0.6},
       {"charuco_even_rows", even},
       {"charuco_legacy", legacy},
