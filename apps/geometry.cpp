@@ -10,6 +10,8 @@ namespace {
 
 constexpr std::array kVerbs{
     GeometryVerb{"transform", "chain, invert and convert rigid transforms", add_geometry_transform},
+    GeometryVerb{"bundle", "adjust points, poses and lenses of a COLMAP model or BAL problem",
+                 add_geometry_bundle},
 };
 
 }  // namespace

@@ -18,5 +18,6 @@ struct GeometryVerb {
 std::span<const GeometryVerb> geometry_verbs();
 
 void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_bundle(CLI::App& app, const Common& common, int& exit_code);
 
 }  // namespace plumbline::apps
