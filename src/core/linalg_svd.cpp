@@ -25,29 +25,38 @@ MatX triangular_factor(const MatX& A) {
   return R;
 }
 
-// Turns pairs of columns of L until all are orthogonal, and those of V along: L V' stays what it was, the
-// columns' lengths become the singular values of L (one-sided Jacobi, Hestenes 1958). On a triangular factor
-// it takes few sweeps (Drmac & Veselic 2008).
-void orthogonalise_columns(MatX& L, MatX& V) {
+// Turns pairs of columns of L, the upper N rows of LV, until all are orthogonal, and those of V, the lower
+// rows, along: L V' stays what it was and the columns' lengths become the singular values of L (one-sided
+// Jacobi, Hestenes 1958). On a triangular factor it takes few sweeps (Drmac & Veselic 2008).
+template <int N, int N2>
+void orthogonalise_columns(Eigen::Matrix<double, N2, N>& LV) {
   constexpr double kOrthogonal = 1e-15;  // cosine that rounding leaves
   constexpr int kMaxSweeps = 30;
-  const Eigen::Index n = L.cols();
+  const Eigen::Index n = LV.cols();
+  const auto upper = [&](Eigen::Index i) { return LV.col(i).template head<N>(n); };
   bool turned = true;
   for (int sweep = 0; turned && sweep < kMaxSweeps; ++sweep) {
     turned = false;
     for (Eigen::Index p = 0; p + 1 < n; ++p) {
       for (Eigen::Index q = p + 1; q < n; ++q) {
-        const double a = L.col(p).squaredNorm(), b = L.col(q).squaredNorm(), c = L.col(p).dot(L.col(q));
+        const double a = upper(p).squaredNorm(), b = upper(q).squaredNorm(), c = upper(p).dot(upper(q));
         if (!(std::abs(c) > kOrthogonal * std::sqrt(a) * std::sqrt(b))) continue;
         turned = true;
         const double cot = (b - a) / (2 * c);
-        const double tan = std::copysign(1 / (std::abs(cot) + std::hypot(1.0, cot)), cot);
-        const Eigen::JacobiRotation<double> G(1 / std::hypot(1.0, tan), tan / std::hypot(1.0, tan));
-        L.applyOnTheRight(p, q, G);
-        V.applyOnTheRight(p, q, G);
+        const double tan = std::copysign(1 / (std::abs(cot) + std::sqrt(1 + cot * cot)), cot);
+        const double cosine = 1 / std::sqrt(1 + tan * tan);
+        LV.applyOnTheRight(p, q, Eigen::JacobiRotation<double>(cosine, tan * cosine));
       }
     }
   }
+}
+
+template <int N>
+MatX orthogonalised(const MatX& LV) {
+  constexpr int N2 = N == Eigen::Dynamic ? N : 2 * N;
+  Eigen::Matrix<double, N2, N> work = LV;
+  orthogonalise_columns<N, N2>(work);
+  return work;
 }
 
 }  // namespace
@@ -64,9 +73,15 @@ NullVector null_vector(const MatX& A) {
   const Eigen::HouseholderQR<MatX> lq(A.rows() > n ? MatX(triangular_factor(A).transpose())
                                                    : MatX(A.transpose()));
   const Eigen::Index k = std::min(A.rows(), n);
-  MatX L = lq.matrixQR().topRows(k).triangularView<Eigen::Upper>().transpose(), V = MatX::Identity(k, k);
-  orthogonalise_columns(L, V);
-  const VecX norms = L.colwise().norm();
+  MatX LV(2 * k, k);
+  LV.topRows(k) = lq.matrixQR().topRows(k).triangularView<Eigen::Upper>().transpose();
+  LV.bottomRows(k).setIdentity();
+  // The sizes of cameras, epipolar geometry and points have code of their own.
+  LV = k == 12  ? orthogonalised<12>(LV)
+       : k == 9 ? orthogonalised<9>(LV)
+       : k == 4 ? orthogonalised<4>(LV)
+                : orthogonalised<Eigen::Dynamic>(LV);
+  const VecX norms = LV.topRows(k).colwise().norm();
   std::vector<Eigen::Index> order(static_cast<std::size_t>(k));
   std::iota(order.begin(), order.end(), Eigen::Index{0});
   std::stable_sort(order.begin(), order.end(), [&](auto i, auto j) { return norms[i] > norms[j]; });
@@ -75,11 +90,17 @@ NullVector null_vector(const MatX& A) {
   if (k < n) {
     result.v[n - 1] = 1;  // Q2's last column is orthogonal to every row of A
   } else {
-    result.v = V.col(order.back());
+    result.v = LV.col(order.back()).tail(k);
   }
   result.v.applyOnTheLeft(lq.householderQ());
   result.v.normalize();
   return result;
+}
+
+NullVector4 null_vector4(const Mat4& A) {
+  PLUMBLINE_CHECK(A.allFinite(), "null_vector4 needs a finite matrix");
+  const Eigen::JacobiSVD<Mat4> svd(A, Eigen::ComputeFullV);
+  return {svd.matrixV().col(3), svd.singularValues()};
 }
 
 Mat3 nearest_rotation(const Mat3& A) {

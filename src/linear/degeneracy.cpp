@@ -22,7 +22,7 @@ double variance_ratio_limit(double d1, double d2) {
 }
 
 int needed_beyond_chance(int n, double p, double n_tried) {
-  constexpr double kRisk = 0.01;
+  constexpr double kRisk = 1e-4;
   if (!(p > 0)) return 1;
   if (p >= 1) return n + 1;
   // Upward from the far end, where the tail is smallest.
@@ -50,6 +50,11 @@ Noise noise_of(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted>
   const double n = static_cast<double>(a.size()), dof = std::max(0.0, n - model_dof);
   if (std::sqrt(sse / n) <= rounding_px) return {rounding_px * rounding_px, dof + kPriorDof};
   return {(sse + kPriorDof * kPriorVariance) / (dof + kPriorDof), dof + kPriorDof};
+}
+
+double Noise::tolerance_px(std::size_t n) const {
+  const double certain = 2 * std::log(1000.0), widened = variance_ratio_limit(2, dof) * 2;
+  return std::sqrt(2 * std::log(1000.0 * static_cast<double>(n)) * std::max(1.0, widened / certain) * variance);
 }
 
 std::optional<Mat3> four_point_homography(std::span<const Lifted> a, std::span<const Lifted> b,
@@ -158,7 +163,7 @@ MatX covariance_of(const Mat3& H, std::span<const Lifted> a, std::span<const Lif
 }  // namespace
 
 bool is_turn(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> on,
-             double noise_px, const Mat3& T_common_1, const Mat3& T_common_2) {
+             const Mat3& T_common_1, const Mat3& T_common_2) {
   // The distance of K R K^-1 from the identity is at most f / s times that of R, in units s of the image's
   // RMS extent over sqrt(2); f / s = 8 is a lens of 25 degrees.
   constexpr double kLongestLens = 8, kSigmas = 4, kRounding = 1e-8;
@@ -176,6 +181,12 @@ bool is_turn(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b
     gradient.row(k) = ((traces(common(up)) - traces(common(down))) / (2 * h)).transpose();
   }
   const MatX cov = covariance_of(H, a, b, on);
+  double sse = 0;
+  for (const int i : on) {
+    const auto k = static_cast<std::size_t>(i);
+    sse += homography_sampson_squared(H, a[k], b[k]);
+  }
+  const double noise_px = std::sqrt(sse / std::max(1.0, 2.0 * static_cast<double>(on.size()) - 8));
   const Eigen::Matrix<double, 9, 1> difference = gradient.col(0) - gradient.col(1),
                                     mean = 0.5 * (gradient.col(0) + gradient.col(1));
   const auto sigma = [&](const Eigen::Matrix<double, 9, 1>& g) {
@@ -197,9 +208,8 @@ TwoViewComparison compare(const Mat3& F, std::span<const Lifted> a, std::span<co
   TwoViewComparison out;
   out.n = n;
   out.n_off_needed = 2;  // a homography and two pairs off it determine F
-  out.noise_px = std::sqrt(noise.variance);
-  const double tolerance = std::sqrt(2 * std::log(1000.0 * n)) * out.noise_px;
-  const auto found = dominant_homography(a, b, tolerance, kMostSamples, 0);
+  out.noise_px = noise.sigma_px();
+  const auto found = dominant_homography(a, b, noise.tolerance_px(a.size()), kMostSamples, 0);
   if (!found) {
     out.n_off = n;
     return out;
@@ -211,7 +221,7 @@ TwoViewComparison compare(const Mat3& F, std::span<const Lifted> a, std::span<co
   const VarianceTest test = variance_test(F, out.H, a, b, on, static_cast<double>(on.size()) - 1, noise);
   out.ratio = test.ratio, out.ratio_needed = test.needed;
   if (!test.is_degenerate()) return out;
-  out.kind = is_turn(out.H, a, b, on, out.noise_px, T_common_1, T_common_2)
+  out.kind = is_turn(out.H, a, b, on, T_common_1, T_common_2)
                  ? TwoViewDegeneracy::kPureRotation
                  : TwoViewDegeneracy::kPlanarScene;
   return out;

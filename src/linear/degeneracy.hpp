@@ -24,12 +24,17 @@ int needed_beyond_chance(int n, double p, double n_tried);
 /// that half width times sqrt(2) about the line, over the side of a square that holds the pixels.
 double chance_of_agreement(double tolerance_px, std::span<const Vec2> px);
 
-/// Noise of a coordinate [px] that `model_dof` parameters leave behind in n Sampson distances, with the prior
-/// of compare_with_homography(); `rounding_px` is what rounding leaves without any noise.
+/// The noise of a coordinate, as an estimate of its variance [px^2].
 struct Noise {
-  double variance;  ///< [px^2]
+  double variance;
   double dof;
+  double sigma_px() const { return std::sqrt(variance); }
+  /// The distance from a homography that noise exceeds in one of `n` pairs once in 1000 scenes [px]: of a
+  /// squared normal vector of the plane, widened by what the estimate may be wrong.
+  double tolerance_px(std::size_t n) const;
 };
+/// From n Sampson distances of F, which took `model_dof` from them, with the prior of
+/// compare_with_homography(). `rounding_px` is what rounding leaves without any noise.
 Noise noise_of(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b, int model_dof,
                double rounding_px);
 
@@ -54,11 +59,12 @@ struct VarianceTest {
 VarianceTest variance_test(const Mat3& F, const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b,
                            std::span<const int> on, double extra_dof, const Noise& noise);
 
-/// Whether H, in coordinates that both images share, is that of a camera that turned.
+/// Whether the homography H of the pairs `on` it is that of a camera that turned. T_common_i take each lifted
+/// image to coordinates that both share. The noise is that of the pairs' distances from H.
 bool is_turn(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> on,
-             double noise_px, const Mat3& T_common_1, const Mat3& T_common_2);
+             const Mat3& T_common_1, const Mat3& T_common_2);
 
-/// compare_with_homography() on lifted pixels, of which `is_inlier` take part.
+/// compare_with_homography() on lifted pixels.
 TwoViewComparison compare(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b,
                           const Mat3& T_common_1, const Mat3& T_common_2, double rounding_px);
 

@@ -90,11 +90,11 @@ struct Plane {
 
 // The plane that holds at least half of the inliers of F.
 std::optional<Plane> dominant_plane(const detail::PixelPairs& pairs, const Found<Mat3>& found,
-                                    double noise_px, std::uint64_t seed) {
+                                    const detail::Noise& noise, std::uint64_t seed) {
   constexpr int kMostSamples = 64;  // a plane of 60 % is missed once in 7000
   const std::vector<int> inliers = detail::inlier_indices(found.consensus);
   const std::vector<detail::Lifted> a = subset(pairs.a, inliers), b = subset(pairs.b, inliers);
-  const double n = static_cast<double>(inliers.size()), tolerance = std::sqrt(2 * std::log(1000 * n)) * noise_px;
+  const double tolerance = noise.tolerance_px(inliers.size());
   const auto H = detail::dominant_homography(a, b, tolerance, kMostSamples, seed);
   if (!H || 2 * H->consensus.n_inliers < static_cast<int>(inliers.size())) return std::nullopt;
   Plane plane{H->model, {}, {}};
@@ -186,7 +186,7 @@ TwoViewComparison judge(const detail::PixelPairs& pairs, const Found<Mat3>& foun
   out.n = found.consensus.n_inliers;
   out.n_off = static_cast<int>(off.size());
   out.n_off_needed = 2 + detail::needed_beyond_chance(std::max(0, others - 2), p, 0.5 * others * (others - 1.0));
-  out.noise_px = std::sqrt(noise.variance);
+  out.noise_px = noise.sigma_px();
   out.H = plane.H;
   if (out.n_off >= out.n_off_needed || on.size() < 4) return out;
   const detail::VarianceTest test = detail::variance_test(found.model, plane.H, pairs.a, pairs.b, on,
@@ -194,7 +194,7 @@ TwoViewComparison judge(const detail::PixelPairs& pairs, const Found<Mat3>& foun
   out.ratio = test.ratio, out.ratio_needed = test.needed;
   if (!test.is_degenerate()) return out;
   out.kind =
-      detail::is_turn(plane.H, pairs.a, pairs.b, on, out.noise_px, pairs.T_common_1(), pairs.T_common_2())
+      detail::is_turn(plane.H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2())
           ? TwoViewDegeneracy::kPureRotation
           : TwoViewDegeneracy::kPlanarScene;
   return out;
@@ -235,15 +235,12 @@ Result<Found<Mat3>> fundamental_ransac(std::span<const Vec2> px1, std::span<cons
                  "no sample of seven pairs determines a fundamental matrix; use points at different depths",
                  kWhere};
   }
-  if (found->consensus.n_inliers >= 8) {
-    const double noise_px = std::sqrt(noise_among(pairs, *found).variance);
-    if (const auto plane = dominant_plane(pairs, *found, noise_px, options.seed)) {
-      complete(pairs, errors, *plane, options, *found);
-      const TwoViewComparison c = judge(pairs, *found, *plane, px2);
-      if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
-    }
-  }
   if (const auto e = refuse_chance(pairs, *found, px2)) return *e;
+  if (const auto plane = dominant_plane(pairs, *found, noise_among(pairs, *found), options.seed)) {
+    complete(pairs, errors, *plane, options, *found);
+    const TwoViewComparison c = judge(pairs, *found, *plane, px2);
+    if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
+  }
   found->model = pairs.denormalised(found->model);
   return std::move(*found);
 }
