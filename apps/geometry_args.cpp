@@ -80,8 +80,9 @@ double sigma_of_residuals(double sum_of_squares_px2, int n_equations, int n_para
 }
 
 CLI::Option* add_camera_option(CLI::App& app, std::vector<std::string>& cameras, const std::string& which) {
-  return app.add_option("--camera", cameras,
-                 which + "; a camera file of any known format, FILE:NAME for one camera of several")
+  return app
+      .add_option("--camera", cameras,
+                  which + "; a camera file of any known format, FILE:NAME for one camera of several")
       ->allow_extra_args(false);
 }
 
@@ -259,9 +260,9 @@ std::string text_of_matrix(const std::string& name, const MatX& M) {
   return text;
 }
 
-std::string text_of_vector(const VecX& v) {
+std::string text_of_vector(const VecX& v, int digits) {
   std::vector<std::string> numbers;
-  for (Eigen::Index i = 0; i < v.size(); ++i) numbers.push_back(fmt::format("{:.9g}", v[i] + 0.0));
+  for (Eigen::Index i = 0; i < v.size(); ++i) numbers.push_back(fmt::format("{:.{}g}", v[i] + 0.0, digits));
   return "(" + join(numbers, ", ") + ")";
 }
 

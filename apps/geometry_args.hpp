@@ -95,7 +95,7 @@ Json json_of_vector(const VecX& v);
 
 /// "  R = [ 1 0 0 ]" and its other rows below, for people.
 std::string text_of_matrix(const std::string& name, const MatX& M);
-/// "(1, 2, 3)".
-std::string text_of_vector(const VecX& v);
+/// "(1, 2, 3)" with so many digits.
+std::string text_of_vector(const VecX& v, int digits = 9);
 
 }  // namespace plumbline::apps

@@ -246,20 +246,14 @@ Status fit_columns(Mat3& H1, const Mat3& H2, std::span<const Vec2> px1, std::spa
   return {};
 }
 
-// Rows: the middle of both centres to the middle; columns: each centre to the middle, then half of the mean
-// disparity each.
-void centre(std::array<Mat3, 2>& H, std::span<const Vec2> px1, std::span<const Vec2> px2) {
-  const Vec2 c1 = apply(H[0], Vec2::Zero()), c2 = apply(H[1], Vec2::Zero());
-  std::array<Vec2, 2> shift{Vec2(-c1.x(), -(c1.y() + c2.y()) / 2), Vec2(-c2.x(), -(c1.y() + c2.y()) / 2)};
-  double disparity = 0;
-  for (std::size_t i = 0; i < px1.size(); ++i)
-    disparity += (apply(H[0], px1[i]) + shift[0] - apply(H[1], px2[i]) - shift[1]).x();
-  if (!px1.empty()) disparity /= static_cast<double>(px1.size());
-  shift[0].x() -= disparity / 2;
-  shift[1].x() += disparity / 2;
+// The middle of the images' centres to the middle of the rectified image; along the rows each centre by
+// itself, unless the columns have been fitted to one another.
+void centre(std::array<Mat3, 2>& H, bool columns_fitted) {
+  const Vec2 c1 = apply(H[0], Vec2::Zero()), c2 = apply(H[1], Vec2::Zero()), between = (c1 + c2) / 2;
   for (int i = 0; i < 2; ++i) {
     Mat3 move = Mat3::Identity();
-    move.topRightCorner<2, 1>() = shift[i];
+    move(0, 2) = columns_fitted ? -between.x() : -(i == 0 ? c1 : c2).x();
+    move(1, 2) = -between.y();
     H[i] = move * H[i];
   }
 }
@@ -329,15 +323,16 @@ Result<UncalibratedRectification> rectify_uncalibrated(const Mat3& F, std::span<
         "for homographies to match the rows; a polar rectification is needed",
         ""};
   }
-  std::vector<Vec2> a, b;
-  for (std::size_t i = 0; i < px1.size(); ++i) {
-    a.push_back(apply(frame.from_px, px1[i]));
-    b.push_back(apply(frame.from_px, px2[i]));
-  }
-  if (options.rows == RowFreedom::kLeastDisparity) {
+  const bool fitted = options.rows == RowFreedom::kLeastDisparity;
+  if (fitted) {
+    std::vector<Vec2> a, b;
+    for (std::size_t i = 0; i < px1.size(); ++i) {
+      a.push_back(apply(frame.from_px, px1[i]));
+      b.push_back(apply(frame.from_px, px2[i]));
+    }
     if (Status s = fit_columns(best->H[0], best->H[1], a, b); !s) return s.error();
   }
-  centre(best->H, a, b);
+  centre(best->H, fitted);
   const Vec3 middle = upright.from_px.inverse() * Vec3::UnitZ();
   for (int i = 0; i < 2; ++i) {
     out.H[i] = back * best->H[i] * frame.from_px;

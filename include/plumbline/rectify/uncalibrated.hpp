@@ -10,9 +10,9 @@ namespace plumbline {
 
 /// What is done with the shear and the stretch along the rows, which the matching of rows leaves free.
 enum class RowFreedom {
-  kLeastDistortion,  ///< both images keep their shape as far as possible
+  kLeastDistortion,  ///< both images keep their shape as far as possible, and their centres the middle
   kLeastDisparity    ///< the first image is fitted to the second along the rows (Hartley's H_A): a plane that
-                     ///< all points lie near comes out with disparity 0
+                     ///< all points lie near comes out with disparity 0, and the mean disparity is 0
 };
 
 struct UncalibratedOptions {
@@ -36,14 +36,12 @@ struct UncalibratedRectification {
 /// all pairs of homographies that match the rows (F ~ w2 v1' - v2 w1' for the second and third rows v, w of
 /// H1, H2) the one with the least distortion is taken, the measure being that of Gluckman & Nayar (2001) over
 /// both images: the local stretches' squared distances from 1. The first image's up stays up, and both
-/// pictures turn by the least that does it; the rectified images have the size of the originals, the mean of
-/// the disparities is 0, and the images' centres lie in the middle.
+/// pictures turn by the least that does it; the rectified images have the size of the originals.
 /// \param F  [px2; 1]' F [px1; 1] = 0, any scale; made singular if it is not
-/// \param px1, px2  n >= 0 corresponding points, which set the offset along the rows (none: the centres
-/// stay);
-///        unequal numbers throw std::invalid_argument
+/// \param px1, px2  n >= 0 corresponding points, which are measured, and which kLeastDisparity fits; unequal
+///        numbers throw std::invalid_argument
 /// \returns kDegenerate: an epipole inside its image, or so near that no line through it and its partner miss
-///          both images (a camera that moved along its axis: rectify_stereo with a fisheye or a polar
+///          both images (a camera that moved along its axis: a polar
 ///          rectification is needed); F of rank below 2; with kLeastDisparity points whose columns do not
 ///          determine the fit (fewer than 3, or on a line). kInvalidData for NaN and a size without area
 Result<UncalibratedRectification> rectify_uncalibrated(const Mat3& F, std::span<const Vec2> px1,
