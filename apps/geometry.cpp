@@ -14,6 +14,8 @@ constexpr std::array kVerbs{
     GeometryVerb{"triangulate", "pixels of one point in several posed cameras -> the point",
                  add_geometry_triangulate},
     GeometryVerb{"fundamental", "matched pixels -> F and the epipoles", add_geometry_fundamental},
+    GeometryVerb{"essential", "matched pixels and cameras -> E and the motion, up to scale",
+                 add_geometry_essential},
     GeometryVerb{"rectify",
                  "matched pixels -> homographies after which the rows match, without a calibration",
                  add_geometry_rectify},

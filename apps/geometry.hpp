@@ -20,6 +20,7 @@ std::span<const GeometryVerb> geometry_verbs();
 void add_geometry_pose(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_triangulate(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_fundamental(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_essential(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_rectify(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_bundle(CLI::App& app, const Common& common, int& exit_code);

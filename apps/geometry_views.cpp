@@ -3,9 +3,11 @@
 
 #include <fmt/format.h>
 
-#include <cmath>
+#include <algorithm>
+#include <numeric>
 
 #include "plumbline/linear/fundamental.hpp"
+#include "plumbline/refine/fundamental.hpp"
 
 namespace plumbline::apps {
 namespace {
@@ -50,6 +52,14 @@ Result<EstimatedFundamental> estimate_fundamental(const Matches& matches, const 
   }
   out.rms_px = rms_sampson(out.F, kept);
   if (refinement.linear) return out;
+  auto refined = refine_fundamental(out.F, kept.px1, kept.px2, 1.0);
+  if (!refined) return refined.error();
+  const int n = static_cast<int>(kept.px1.size());
+  out.F = refined->F;
+  out.rms_px = rms_sampson(out.F, kept);
+  out.sigma_px =
+      refinement.sigma_px > 0 ? refinement.sigma_px : sigma_of_residuals(n * out.rms_px * out.rms_px, n, 7);
+  if (out.sigma_px > 0) out.covariance = refined->covariance * out.sigma_px * out.sigma_px;
   return out;
 }
 
