@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "linear/lifted.hpp"
+#include "plumbline/core/result.hpp"
 #include "plumbline/linear/ransac.hpp"
 #include "plumbline/linear/two_view_degeneracy.hpp"
 
@@ -64,9 +66,46 @@ VarianceTest variance_test(const Mat3& F, const Mat3& H, std::span<const Lifted>
 bool is_turn(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> on,
              const Mat3& T_common_1, const Mat3& T_common_2);
 
-/// compare_with_homography() on lifted pixels.
+/// The same of unit rays, where a turn is a rotation and nothing else: an F-test of the five parameters that
+/// a homography has more.
+bool is_ray_turn(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> on,
+                 double rounding_px);
+
+/// compare_with_homography() on lifted pixels. is_turn(H, on) names the degeneracy.
+using IsTurn = std::function<bool(const Mat3&, std::span<const int>)>;
 TwoViewComparison compare(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b,
-                          const Mat3& T_common_1, const Mat3& T_common_2, double rounding_px);
+                          double rounding_px, const IsTurn& is_turn);
+
+/// Pairs, by their index, that a homography explains, and the others.
+struct Plane {
+  Mat3 H;
+  std::vector<int> on, off;
+};
+Plane split_by_homography(const Mat3& H, std::span<const Lifted> a, std::span<const Lifted> b,
+                          double tolerance_px);
+
+/// The plane that holds at least half of the inliers of F, over all pairs.
+std::optional<Plane> dominant_plane(const Found<Mat3>& found, std::span<const Lifted> a,
+                                    std::span<const Lifted> b, const Noise& noise, std::uint64_t seed);
+
+/// Whether the inliers of a search are too few off a plane, for geometry or for chance, and those on it move
+/// by no more than noise: kPlanarScene then, for the caller to name. `extra_dof` as in variance_test() less
+/// the number of pairs on the plane.
+TwoViewComparison judge(const Found<Mat3>& found, const Plane& plane, std::span<const Lifted> a,
+                        std::span<const Lifted> b, std::span<const Vec2> px2, const Noise& noise,
+                        double extra_dof);
+
+/// noise_of() among the inliers.
+Noise noise_among(const Found<Mat3>& found, std::span<const Lifted> a, std::span<const Lifted> b,
+                  int model_dof, double rounding_px);
+
+/// Why the inliers of a search are no more than chance gives, when so: of an answer that `model_dof` pairs
+/// determine, the best of n_tried.
+std::optional<Error> refuse_chance(const Found<Mat3>& found, std::span<const Lifted> a,
+                                   std::span<const Lifted> b, std::span<const Vec2> px2, int model_dof,
+                                   double n_tried, const char* what, const char* where);
+
+std::vector<Lifted> subset(std::span<const Lifted> all, std::span<const int> of);
 
 /// Below this share of the extent of the pixels residuals are rounding: coordinates of 1e4 px have 1e-12 of
 /// it, and the solvers lose three to five digits.

@@ -30,8 +30,9 @@ Result<Mat3> fundamental_8point(std::span<const Vec2> px1, std::span<const Vec2>
   const bool is_clear = px1.size() >= kEnough && determinacy > detail::kRankTolerance &&
                         solution.singular_values[7] >= kClear * solution.singular_values[8];
   if (!is_clear) {
-    const TwoViewComparison c = detail::compare(F, pairs.a, pairs.b, pairs.T_common_1(), pairs.T_common_2(),
-                                                pairs.rounding_px());
+    const TwoViewComparison c = detail::compare(F, pairs.a, pairs.b, pairs.rounding_px(), [&](const Mat3& H, std::span<const int> on) {
+        return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
+      });
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
   }
   if (!(determinacy > detail::kRankTolerance)) {

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include "linear/consensus.hpp"
@@ -76,38 +73,8 @@ std::optional<Found<Mat3>> search(const detail::PixelPairs& pairs, const Sampson
       errors, [&](const Mat3&, std::span<const int> inliers) { return refit(pairs, inliers); });
 }
 
-std::vector<detail::Lifted> subset(const std::vector<detail::Lifted>& all, std::span<const int> of) {
-  std::vector<detail::Lifted> out;
-  out.reserve(of.size());
-  for (const int i : of) out.push_back(all[static_cast<std::size_t>(i)]);
-  return out;
-}
-
-struct Plane {
-  Mat3 H;
-  std::vector<int> on, off;  // pairs, by their index
-};
-
-// The plane that holds at least half of the inliers of F.
-std::optional<Plane> dominant_plane(const detail::PixelPairs& pairs, const Found<Mat3>& found,
-                                    const detail::Noise& noise, std::uint64_t seed) {
-  constexpr int kMostSamples = 64;  // a plane of 60 % is missed once in 7000
-  const std::vector<int> inliers = detail::inlier_indices(found.consensus);
-  const std::vector<detail::Lifted> a = subset(pairs.a, inliers), b = subset(pairs.b, inliers);
-  const double tolerance = noise.tolerance_px(inliers.size());
-  const auto H = detail::dominant_homography(a, b, tolerance, kMostSamples, seed);
-  if (!H || 2 * H->consensus.n_inliers < static_cast<int>(inliers.size())) return std::nullopt;
-  Plane plane{H->model, {}, {}};
-  for (std::size_t i = 0; i < pairs.a.size(); ++i) {
-    const bool on =
-        detail::homography_sampson_squared(plane.H, pairs.a[i], pairs.b[i]) <= tolerance * tolerance;
-    (on ? plane.on : plane.off).push_back(static_cast<int>(i));
-  }
-  return plane;
-}
-
 // The best F = [e2]_x H: two pairs off the plane fix e2, where the lines from H a to b meet.
-std::optional<Mat3> plane_and_parallax(const detail::PixelPairs& pairs, const Plane& plane,
+std::optional<Mat3> plane_and_parallax(const detail::PixelPairs& pairs, const detail::Plane& plane,
                                        const RansacOptions& options) {
   if (plane.off.size() < 2) return std::nullopt;
   const auto line = [&](int k) -> Vec3 {
@@ -132,7 +99,7 @@ std::optional<Mat3> plane_and_parallax(const detail::PixelPairs& pairs, const Pl
 }
 
 // The better of F and the best F that holds the plane, refitted to its inliers.
-void complete(const detail::PixelPairs& pairs, const SampsonErrors& errors, const Plane& plane,
+void complete(const detail::PixelPairs& pairs, const SampsonErrors& errors, const detail::Plane& plane,
               const RansacOptions& options, Found<Mat3>& found) {
   constexpr double kNoBound = std::numeric_limits<double>::infinity();
   const int n = static_cast<int>(pairs.a.size());
@@ -156,65 +123,6 @@ void complete(const detail::PixelPairs& pairs, const SampsonErrors& errors, cons
   }
 }
 
-double largest_inlier_px(const detail::PixelPairs& pairs, const Mat3& F, std::span<const int> of) {
-  double largest = 0;
-  for (const int i : of) {
-    const auto k = static_cast<std::size_t>(i);
-    largest = std::max(largest, detail::sampson_squared(F, pairs.a[k], pairs.b[k]));
-  }
-  return std::sqrt(largest);
-}
-
-detail::Noise noise_among(const detail::PixelPairs& pairs, const Found<Mat3>& found) {
-  const std::vector<int> inliers = detail::inlier_indices(found.consensus);
-  return detail::noise_of(found.model, subset(pairs.a, inliers), subset(pairs.b, inliers), 7,
-                          pairs.rounding_px());
-}
-
-// Whether too few inliers are off the plane, for chance or for geometry, and the others know no more than
-// noise.
-TwoViewComparison judge(const detail::PixelPairs& pairs, const Found<Mat3>& found, const Plane& plane,
-                        std::span<const Vec2> px2) {
-  const auto is_inlier = [&](int i) { return found.consensus.inlier[static_cast<std::size_t>(i)]; };
-  std::vector<int> on, off;
-  std::copy_if(plane.on.begin(), plane.on.end(), std::back_inserter(on), is_inlier);
-  std::copy_if(plane.off.begin(), plane.off.end(), std::back_inserter(off), is_inlier);
-  const int others = static_cast<int>(plane.off.size());
-  const double p = detail::chance_of_agreement(largest_inlier_px(pairs, found.model, off), px2);
-  const detail::Noise noise = noise_among(pairs, found);
-  TwoViewComparison out;
-  out.n = found.consensus.n_inliers;
-  out.n_off = static_cast<int>(off.size());
-  out.n_off_needed = 2 + detail::needed_beyond_chance(std::max(0, others - 2), p, 0.5 * others * (others - 1.0));
-  out.noise_px = noise.sigma_px();
-  out.H = plane.H;
-  if (out.n_off >= out.n_off_needed || on.size() < 4) return out;
-  const detail::VarianceTest test = detail::variance_test(found.model, plane.H, pairs.a, pairs.b, on,
-                                                          static_cast<double>(on.size()) - 1, noise);
-  out.ratio = test.ratio, out.ratio_needed = test.needed;
-  if (!test.is_degenerate()) return out;
-  out.kind =
-      detail::is_turn(plane.H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2())
-          ? TwoViewDegeneracy::kPureRotation
-          : TwoViewDegeneracy::kPlanarScene;
-  return out;
-}
-
-std::optional<Error> refuse_chance(const detail::PixelPairs& pairs, const Found<Mat3>& found,
-                                   std::span<const Vec2> px2) {
-  const int n = static_cast<int>(px2.size());
-  const std::vector<int> inliers = detail::inlier_indices(found.consensus);
-  const double p = detail::chance_of_agreement(largest_inlier_px(pairs, found.model, inliers), px2);
-  // Each sample has up to three answers.
-  const int needed = 7 + detail::needed_beyond_chance(n - 7, p, 3.0 * found.consensus.n_hypotheses);
-  if (found.consensus.n_inliers >= needed) return std::nullopt;
-  return Error{ErrorCode::kDegenerate,
-               fmt::format("no fundamental matrix has more inliers than chance gives: {} of {} pairs, at least {} "
-                           "are needed after {} samples; use more pairs, or better ones",
-                           found.consensus.n_inliers, n, needed, found.consensus.n_hypotheses),
-               kWhere};
-}
-
 }  // namespace
 
 Result<Found<Mat3>> fundamental_ransac(std::span<const Vec2> px1, std::span<const Vec2> px2,
@@ -226,20 +134,31 @@ Result<Found<Mat3>> fundamental_ransac(std::span<const Vec2> px1, std::span<cons
   const detail::PixelPairs pairs(px1, px2);
   const SampsonErrors errors(pairs);
   std::optional<Found<Mat3>> found = search(pairs, errors, options);
+  const auto is_turn = [&](const Mat3& H, std::span<const int> on) {
+    return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
+  };
   if (!found) {
-    const TwoViewComparison c =
-        detail::compare(detail::eight_point(pairs.a, pairs.b).F, pairs.a, pairs.b, pairs.T_common_1(),
-                        pairs.T_common_2(), pairs.rounding_px());
+    const TwoViewComparison c = detail::compare(detail::eight_point(pairs.a, pairs.b).F, pairs.a, pairs.b,
+                                                pairs.rounding_px(), is_turn);
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
     return Error{ErrorCode::kDegenerate,
                  "no sample of seven pairs determines a fundamental matrix; use points at different depths",
                  kWhere};
   }
-  if (const auto e = refuse_chance(pairs, *found, px2)) return *e;
-  if (const auto plane = dominant_plane(pairs, *found, noise_among(pairs, *found), options.seed)) {
+  // Each sample has up to three answers.
+  if (auto e = detail::refuse_chance(*found, pairs.a, pairs.b, px2, 7, 3.0 * found->consensus.n_hypotheses,
+                                     "fundamental matrix", kWhere)) {
+    return *e;
+  }
+  const auto noise = [&] { return detail::noise_among(*found, pairs.a, pairs.b, 7, pairs.rounding_px()); };
+  if (const auto plane = detail::dominant_plane(*found, pairs.a, pairs.b, noise(), options.seed)) {
     complete(pairs, errors, *plane, options, *found);
-    const TwoViewComparison c = judge(pairs, *found, *plane, px2);
-    if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
+    const detail::Noise n = noise();
+    TwoViewComparison c = detail::judge(*found, *plane, pairs.a, pairs.b, px2, n, -1);
+    if (c.kind != TwoViewDegeneracy::kNone) {
+      if (is_turn(plane->H, plane->on)) c.kind = TwoViewDegeneracy::kPureRotation;
+      return Error{ErrorCode::kDegenerate, c.text(), kWhere};
+    }
   }
   found->model = pairs.denormalised(found->model);
   return std::move(*found);

@@ -19,8 +19,8 @@ namespace plumbline {
 /// The essential matrices of exactly five pairs of unit rays, up to ten, by elimination to a polynomial of
 /// degree ten (Nister 2004), each polished on the ten cubic equations. A plane is no obstacle, but has two
 /// answers. \param rays_1, rays_2  five unit rays; other numbers throw std::invalid_argument \returns
-/// kDegenerate when the five equations are dependent, or fix nothing (rays that a rotation
-///          maps onto one another: the camera only turned); kInvalidData for NaN
+/// kDegenerate when two pairs are the same, and by name when a rotation maps the rays onto one
+///          another to 1e-9: the camera only turned; kInvalidData for NaN
 Result<std::vector<Mat3>> essential_5point(std::span<const Vec3> rays_1, std::span<const Vec3> rays_2);
 
 /// Essential matrix by the 8-point algorithm (Longuet-Higgins 1981; Hartley & Zisserman 2004, 9.6) on
