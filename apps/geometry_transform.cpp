@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <map>
+#include <numbers>
+
+#include "geometry.hpp"
+#include "geometry_args.hpp"
+#include "plumbline/geometry/se3.hpp"
+#include "plumbline/geometry/so3.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+
+struct Options {
+  // By option, in the order of the command line; the chain is put together in run().
+  std::vector<std::string> matrix, quaternion, rvec_rad, rvec_deg, axis_rad, axis_deg, t_m;
+  int inverse = 0;
+  std::string output;
+};
+
+// A link of the chain while it is put together.
+struct Link {
+  SE3 T;
+  bool may_take_t = false;  // a rotation was given, and no translation yet
+};
+
+Result<SE3> transform_of(const Mat3& R, const Vec3& t_m, const std::string& where) {
+  const double off = (R.transpose() * R - Mat3::Identity()).norm();
+  if (!(off < 1e-5) || R.determinant() < 0) {
+    return Error{ErrorCode::kInvalidData,
+                 fmt::format("not a rotation: |R'R - I| = {:.3g}, det R = {:.6g}; give more digits (1e-5 is "
+                             "enough), or the transpose of what was meant",
+                             off, R.determinant()),
+                 where};
+  }
+  return SE3(R, t_m);
+}
+
+Result<SE3> from_matrix(const std::string& text) {
+  const auto m = parse_numbers(text, {9, 12, 16}, "--matrix");
+  const int columns = m.size() == 9 ? 3 : 4;
+  Mat3 R;
+  Vec3 t = Vec3::Zero();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) R(r, c) = m[r * columns + c];
+    if (columns == 4) t[r] = m[r * columns + 3];
+  }
+  if (m.size() == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
+    usage_error("--matrix: the last row of a 4x4 transform is 0 0 0 1");
+  return transform_of(R, t, "--matrix");
+}
+
+Result<SE3> from_quaternion(const std::string& text) {
+  const auto q = parse_numbers(text, {4}, "--quaternion-wxyz");
+  const Eigen::Quaterniond quaternion(q[0], q[1], q[2], q[3]);
+  if (std::abs(quaternion.norm() - 1) > 1e-4) {
+    usage_error(fmt::format("--quaternion-wxyz {}: its length is {:.6g}, not 1", text, quaternion.norm()));
+  }
+  return SE3(quaternion.normalized().toRotationMatrix(), Vec3::Zero());
+}
+
+Result<SE3> from_rvec(const std::string& text, double unit_rad, const std::string& option) {
+  const auto w = parse_numbers(text, {3}, option);
+  return SE3(so3_exp(unit_rad * Vec3(w[0], w[1], w[2])), Vec3::Zero());
+}
+
+Result<SE3> from_axis(const std::string& text, double unit_rad, const std::string& option) {
+  const auto a = parse_numbers(text, {4}, option);
+  const Vec3 axis(a[0], a[1], a[2]);
+  if (!(axis.norm() > 0)) usage_error(fmt::format("{} {}: the axis has no length", option, text));
+  return SE3(so3_exp(unit_rad * a[3] * axis.normalized()), Vec3::Zero());
+}
+
+// The chain in the order of the command line: T = T_1 T_2 ..., as in T_a_c = T_a_b T_b_c.
+Result<SE3> chain(const CLI::App& app, const Options& o) {
+  std::vector<Link> links;
+  std::map<std::string, std::size_t> taken;
+  for (const CLI::Option* option : app.parse_order()) {
+    const std::string name = option->get_name();
+    const auto next = [&](const std::vector<std::string>& values) { return values.at(taken[name]++); };
+    Result<SE3> T = SE3();
+    if (name == "--matrix") {
+      T = from_matrix(next(o.matrix));
+    } else if (name == "--quaternion-wxyz") {
+      T = from_quaternion(next(o.quaternion));
+    } else if (name == "--rvec-rad") {
+      T = from_rvec(next(o.rvec_rad), 1, name);
+    } else if (name == "--rvec-deg") {
+      T = from_rvec(next(o.rvec_deg), kRadPerDeg, name);
+    } else if (name == "--axis-angle-rad") {
+      T = from_axis(next(o.axis_rad), 1, name);
+    } else if (name == "--axis-angle-deg") {
+      T = from_axis(next(o.axis_deg), kRadPerDeg, name);
+    } else if (name == "--t") {
+      const auto t = parse_numbers(next(o.t_m), {3}, name);
+      const bool completes = !links.empty() && links.back().may_take_t;
+      const SE3 moved(completes ? links.back().T.R() : Mat3::Identity(), Vec3(t[0], t[1], t[2]));
+      if (completes) links.pop_back();
+      links.push_back({moved, false});
+      continue;
+    } else if (name == "--inverse") {
+      if (links.empty()) usage_error("--inverse: it inverts the transform before it, and there is none");
+      links.back() = {links.back().T.inverse(), false};
+      continue;
+    } else {
+      continue;
+    }
+    if (!T) return T.error();
+    links.push_back({*T, name != "--matrix"});
+  }
+  if (links.empty()) usage_error("give at least one transform, for example --rvec-deg 0,0,90 --t 0,0,1");
+  SE3 product;
+  for (const Link& link : links) product = product * link.T;
+  return product;
+}
+
+Result<int> run(const CLI::App& app, const Options& o, const Common& common) {
+  auto T = chain(app, o);
+  if (!T) return T.error();
+  if (!o.output.empty()) {
+    if (Status s = check_output(o.output, common); !s) return s.error();
+  }
+  const Mat3 R = T->R();
+  const Vec3 w = so3_log(R);
+  const Vec4 q(T->qt[0], T->qt[1], T->qt[2], T->qt[3]);
+  const Json json{{"T", json_of_matrix(T->matrix())},
+                  {"R", json_of_matrix(R)},
+                  {"t", json_of_vector(T->t())},
+                  {"C", json_of_vector(T->centre())},
+                  {"quaternion_wxyz", json_of_vector(q[0] < 0 ? Vec4(-q) : q)},
+                  {"rvec_rad", json_of_vector(w)},
+                  {"angle_deg", w.norm() / kRadPerDeg}};
+  std::string text = text_of_matrix("T", T->matrix34());
+  text += fmt::format("C = {}\nquaternion wxyz {}\nrotation vector {} deg, {:.9g} deg in all\n",
+                      text_of_vector(T->centre()), text_of_vector(q[0] < 0 ? Vec4(-q) : q),
+                      text_of_vector(w / kRadPerDeg), w.norm() / kRadPerDeg);
+  if (Status s = give_answer(json, text, o.output, common); !s) return s.error();
+  return kDone;
+}
+
+void add_list_option(CLI::App& app, const std::string& name, std::vector<std::string>& values,
+                     const std::string& help) {
+  app.add_option(name, values, help)->allow_extra_args(false);
+}
+
+}  // namespace
+
+void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code) {
+  auto o = std::make_shared<Options>();
+  add_list_option(app, "--matrix", o->matrix, "a transform as 9 (R), 12 (3x4) or 16 numbers, row by row");
+  add_list_option(app, "--quaternion-wxyz", o->quaternion, "a rotation as a unit quaternion w,x,y,z");
+  add_list_option(app, "--rvec-rad", o->rvec_rad, "a rotation vector x,y,z in radians");
+  add_list_option(app, "--rvec-deg", o->rvec_deg, "a rotation vector x,y,z in degrees");
+  add_list_option(app, "--axis-angle-rad", o->axis_rad, "a rotation as axis and angle x,y,z,a in radians");
+  add_list_option(app, "--axis-angle-deg", o->axis_deg, "a rotation as axis and angle x,y,z,a in degrees");
+  add_list_option(app, "--t", o->t_m,
+                  "translation x,y,z of the rotation before it; without one, a transform of its own");
+  app.add_flag("--inverse", o->inverse, "inverts the transform before it");
+  add_answer_option(app, o->output);
+  app.footer(
+      "Transforms multiply in the order in which they are given: T = T_1 T_2 ..., as in T_a_c = T_a_b "
+      "T_b_c.");
+  on_run(app, exit_code, [o, &app, &common] { return run(app, *o, common); });
+}
+
+}  // namespace plumbline::apps
