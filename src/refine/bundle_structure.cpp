@@ -145,9 +145,9 @@ namespace {
 // Where a picture stands in the drawing, and how many units a pixel has.
 struct Panel {
   const StructureImage& image;
-  double left = 0, top = 0, zoom = 1;
-  double width() const { return zoom * image.width; }
-  double height() const { return zoom * image.height; }
+  double left = 0, top = 0, zoom_x = 1, zoom_y = 1;
+  double width() const { return zoom_x * image.width; }
+  double height() const { return zoom_y * image.height; }
 };
 
 // Runs of one colour in a row become one rectangle, and equal neighbouring rows one taller one.
@@ -165,8 +165,8 @@ std::string svg_rectangles(const Panel& panel) {
       while (end < image.width && row[end] == row[x]) ++end;
       if (row[x] != 0) {
         out += fmt::format("<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{}\"/>\n",
-                           panel.left + panel.zoom * x, panel.top + panel.zoom * y, panel.zoom * (end - x),
-                           panel.zoom * rows, kColours[row[x]]);
+                           panel.left + panel.zoom_x * x, panel.top + panel.zoom_y * y,
+                           panel.zoom_x * (end - x), panel.zoom_y * rows, kColours[row[x]]);
       }
       x = end;
     }
@@ -189,8 +189,9 @@ std::string format_structure_svg(const BundleStructure& s, int most_px) {
   const StructureImage J = draw_jacobian(s, most_px), N = draw_normal_matrix(s, most_px);
   constexpr double kMargin = 20, kTop = 40;
   // A small problem is drawn larger, in whole units for a scalar.
-  const double zoom = std::max(1, most_px / std::max({J.width, J.height, 1}));
-  const Panel left{J, kMargin, kTop, zoom}, right{N, kMargin + left.width() + 2 * kMargin, kTop, zoom};
+  const auto zoom = [most_px](int n) { return static_cast<double>(std::max(1, most_px / n)); };
+  const Panel left{J, kMargin, kTop, zoom(J.width), zoom(J.height)};
+  const Panel right{N, kMargin + left.width() + 2 * kMargin, kTop, zoom(N.width), zoom(N.height)};
   // Narrow pictures still leave room for the words above and below them.
   const double width = std::max(right.left + right.width() + kMargin, 640.0);
   const double drawn = std::max(left.height(), right.height());
@@ -204,8 +205,11 @@ std::string format_structure_svg(const BundleStructure& s, int most_px) {
   const long rows = offsets_of(s.row_size).back(), columns = column_offsets(s).back();
   out += svg_panel(left, fmt::format("J, {} x {}", rows, columns));
   out += svg_panel(right, fmt::format("J'J, {0} x {0}", columns));
-  const std::array<std::string, 4> legend{fmt::format("{} lenses", n[0]), fmt::format("{} views", n[1]),
-                                          fmt::format("{} points", n[2]), "blocks of two kinds"};
+  const auto counted = [](int count, const char* one, const char* many) {
+    return fmt::format("{} {}", count, count == 1 ? one : many);
+  };
+  const std::array<std::string, 4> legend{counted(n[0], "lens", "lenses"), counted(n[1], "view", "views"),
+                                          counted(n[2], "point", "points"), "blocks of two kinds"};
   for (std::size_t i = 0; i < legend.size(); ++i) {
     const double x = kMargin + 150 * static_cast<double>(i), y = kTop + drawn + kMargin;
     out += fmt::format(

@@ -110,7 +110,6 @@ TEST(BundleStructure, LargeProblemsAreDrawnSmall) {
   EXPECT_THAT(svg, HasSubstr("19 views"));
   EXPECT_LT(svg.size(), 2'000'000u);
   EXPECT_EQ(svg, format_structure_svg(s, 300));
-  
 }
 
 }  // namespace

@@ -45,6 +45,29 @@ TEST(Bundle, ExactWithoutNoise) {
   }
 }
 
+// Small scenes of every kind: nearly all come back, and what does not is seen by its residuals.
+TEST(Bundle, RandomScenesAreExactAndNoneIsWrongSilently) {
+  constexpr int kScenes = 10000;
+  const auto lenses = lens_names();
+  Rng rng(14);
+  int n_exact = 0, n_silent = 0;
+  for (int i = 0; i < kScenes; ++i) {
+    const std::string lens(lenses[static_cast<std::size_t>(i) % lenses.size()]);
+    const Reconstruction truth = make_scene({.n_views = 3 + i % 3,
+                                             .n_points = 12 + i % 9,
+                                             .lenses = {lens},
+                                             .seed = 100 + static_cast<std::uint64_t>(i)});
+    const Reconstruction start = perturbed(truth, 0.01, 0.03, rng, {0, 1});
+    const auto bundle = adjust_bundle(start, {.hold_views = {0, 1}});
+    if (!bundle) continue;
+    const bool exact = worst_distance(bundle->scene, truth) < 1e-9;
+    n_exact += exact;
+    n_silent += !exact && bundle->rms_px < 1e-6;
+  }
+  EXPECT_GE(n_exact, kScenes * 99 / 100);
+  EXPECT_EQ(n_silent, 0);
+}
+
 TEST(Bundle, ExactWithoutNoiseWithLensesFree) {
   const Reconstruction truth = make_scene({.lenses = {"opencv5", "kb4"}});
   Rng rng(4);

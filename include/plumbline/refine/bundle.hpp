@@ -19,7 +19,7 @@ struct ScaleBar {
 };
 
 enum class BundleSolver {
-  kAuto,            ///< dense to 1,500 reduced parameters, sparse to 30,000, iterative beyond
+  kAuto,            ///< dense to 900 reduced parameters (6 a view), sparse to 30,000, iterative beyond
   kDenseSchur,      ///< Cholesky of the reduced system, dense
   kSparseSchur,     ///< the same, sparse
   kIterativeSchur,  ///< conjugate gradients on the reduced system, Schur-Jacobi preconditioner
@@ -101,7 +101,8 @@ struct Bundle {
 ///          sense.
 ///          kDegenerate: a gauge that leaves any of the 7 degrees of freedom free (says how many); views that
 ///          fall into groups without common points; nothing left to adjust; parameters that the sightings do
-///          not determine (names one; not looked for when the iterative solver is used).
+///          not determine (names one; looked for up to 1,500 reduced
+///          parameters, and not with kIterativeSchur).
 ///          kNotConverged: no finite optimum.
 Result<Bundle> adjust_bundle(const Reconstruction& start, const BundleOptions& options = {});
 
