@@ -155,10 +155,12 @@ Result<Found<SE3>> pose_ransac(const Lens& lens, std::span<const Vec3> p_world, 
   for (const int i : detail::inlier_indices(found->consensus)) agreed.push_back(u.p_world[i]);
   if (const auto e = refuse_line(agreed, "points that agree")) return *e;
   if (const double chance = chance_poses(u, found->consensus, options.inlier_px); chance > kMostByChance) {
-    return degenerate(fmt::format(
-        "{} of {} correspondences agree within {} px, which {:.2g} poses would by chance among the "
-        "{} tried; add correct correspondences, or lower the limit",
-        found->consensus.n_inliers, n, options.inlier_px, chance, found->consensus.n_hypotheses, kMostByChance));
+    return degenerate(
+        fmt::format("{} of {} correspondences agree within {} px, and {:.2g} poses among the {} tried would "
+                    "by chance (at "
+                    "most {} are allowed); add correct correspondences, or lower the limit",
+                    found->consensus.n_inliers, n, options.inlier_px, chance, found->consensus.n_hypotheses,
+                    kMostByChance));
   }
   found->consensus = spread_out(found->consensus, u, px.size());
   return std::move(*found);

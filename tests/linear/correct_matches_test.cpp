@@ -53,7 +53,8 @@ TEST(CorrectMatches, FulfilsTheEpipolarConstraintAndAgreesWithOpenCV) {
     cv::correctMatches(F, std::vector<cv::Point2d>{{q.px1.x(), q.px1.y()}},
                        std::vector<cv::Point2d>{{q.px2.x(), q.px2.y()}}, a, b);
     const std::pair<Vec2, Vec2> theirs{Vec2(a.ptr<double>()), Vec2(b.ptr<double>())};
-    // Never farther than OpenCV's, which finds the same minimum for ordinary noise and misses some of it for 30 px.
+    // Never farther than OpenCV's, which finds the same minimum for ordinary noise and misses some of it for
+    // 30 px.
     EXPECT_LE(squared_move(q, c), squared_move(q, theirs) * (1 + 1e-9) + 1e-12) << "problem " << i;
     if (i % 2) EXPECT_NEAR(squared_move(q, c), squared_move(q, theirs), 1e-5 * (1 + squared_move(q, c)));
   }
