@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-#include "linear/real_roots.hpp"
-#include "plumbline/core/linalg.hpp"
+#include "linear/polynomial_roots.hpp"
+#include "plumbline/linear/epipolar.hpp"
 #include "plumbline/linear/triangulate.hpp"
 
 namespace plumbline {
@@ -60,42 +60,20 @@ std::array<double, 7> stationary_polynomial(const Pencils& p) {
 
 // The line of the first pencil on which the cost is least, as t = [numerator, denominator].
 Vec2 best_line(const Pencils& p) {
-  const std::array<double, 7> g = stationary_polynomial(p);
-  const std::array<double, 7> reversed{g[6], g[5], g[4], g[3], g[2], g[1], g[0]};
   Vec2 best(1, 0);
   double least = p.cost_at_infinity();
   if (!std::isfinite(least)) least = std::numeric_limits<double>::infinity();
-  const auto consider = [&](double t) {
-    const double cost = p.cost(t);
+  detail::visit_projective_roots<6>(stationary_polynomial(p), [&](double x, double y) {
+    const double cost = p.cost(x / y);
     if (!(cost < least)) return;
     least = cost;
-    best = Vec2(t, 1);
-  };
-  std::array<double, 6> roots;
-  int n = detail::roots_in_unit_interval(g, roots);
-  for (int i = 0; i < n; ++i) consider(roots[i]);
-  n = detail::roots_in_unit_interval(reversed, roots);
-  for (int i = 0; i < n; ++i) {
-    if (roots[i] != 0) consider(1 / roots[i]);
-  }
+    best = Vec2(x, y);
+  });
   return best;
 }
 
 // The point of a line nearest to the origin.
 Vec2 foot(const Vec3& line) { return -line.z() / line.head<2>().squaredNorm() * line.head<2>(); }
-
-// F of two cameras by minors, Hartley & Zisserman 2004, eq. 17.3.
-Mat3 fundamental_by_minors(const Mat34& P1, const Mat34& P2) {
-  Mat3 F;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) {
-      Mat4 M;
-      M << P1.row((i + 1) % 3), P1.row((i + 2) % 3), P2.row((j + 1) % 3), P2.row((j + 2) % 3);
-      F(j, i) = M.determinant();
-    }
-  }
-  return F;
-}
 
 }  // namespace
 
@@ -141,11 +119,16 @@ Result<std::pair<Vec2, Vec2>> correct_matches(const Mat3& F_px, const Vec2& px1,
 }
 
 Result<Vec4> triangulate_optimal(const Mat34& P1, const Mat34& P2, const Vec2& px1, const Vec2& px2) {
-  // Of unit length first: minors are products of four entries.
-  const std::array<Mat34, 2> P{P1 / P1.norm(), P2 / P2.norm()};
-  const auto px = correct_matches(fundamental_by_minors(P[0], P[1]), px1, px2);
+  const Mat3 F = fundamental_from_cameras(P1, P2);
+  if (F.isZero(0)) {
+    return Error{ErrorCode::kDegenerate,
+                 "the two views have one centre, so that their rays meet nowhere else; use views that are "
+                 "farther apart",
+                 kWhere};
+  }
+  const auto px = correct_matches(F, px1, px2);
   if (!px) return px.error();
-  return triangulate_linear(P, std::array<Vec2, 2>{px->first, px->second});
+  return triangulate_linear(std::array<Mat34, 2>{P1, P2}, std::array<Vec2, 2>{px->first, px->second});
 }
 
 }  // namespace plumbline

@@ -21,6 +21,8 @@ namespace plumbline {
 namespace {
 
 constexpr int kSample = 3;
+// A pose is refused when more than this many as good are expected by chance.
+constexpr double kMostByChance = 0.05;
 
 Error degenerate(std::string text) { return {ErrorCode::kDegenerate, std::move(text), "pose"}; }
 
@@ -152,11 +154,13 @@ Result<Found<SE3>> pose_ransac(const Lens& lens, std::span<const Vec3> p_world, 
   std::vector<Vec3> agreed;
   for (const int i : detail::inlier_indices(found->consensus)) agreed.push_back(u.p_world[i]);
   if (const auto e = refuse_line(agreed, "points that agree")) return *e;
-  if (const double chance = chance_poses(u, found->consensus, options.inlier_px); chance > 1) {
-    return degenerate(fmt::format(
-        "{} of {} correspondences agree within {} px, which {:.2g} poses would by chance among the "
-        "{} tried; add correct correspondences, or lower the limit",
-        found->consensus.n_inliers, n, options.inlier_px, chance, found->consensus.n_hypotheses));
+  if (const double chance = chance_poses(u, found->consensus, options.inlier_px); chance > kMostByChance) {
+    return degenerate(
+        fmt::format("{} of {} correspondences agree within {} px, and {:.2g} poses among the {} tried would "
+                    "by chance (at "
+                    "most {} are allowed); add correct correspondences, or lower the limit",
+                    found->consensus.n_inliers, n, options.inlier_px, chance, found->consensus.n_hypotheses,
+                    kMostByChance));
   }
   found->consensus = spread_out(found->consensus, u, px.size());
   return std::move(*found);

@@ -162,13 +162,12 @@ TEST(PoseRansac, RefusesWhatDoesNotDetermineAPose) {
     line_px.push_back(*project(lens, s.T_cam_world * line.back()));
   }
   EXPECT_THAT(message(line, line_px), HasSubstr("12 points lie on a line"));
-  // The line's points and one wrong correspondence beside it: poses turn freely, and the message says how.
+  // The line's points and a wrong one beside it: samples with it agree with a handful at best.
   std::vector<Vec3> more = line;
   std::vector<Vec2> more_px = line_px;
   more.push_back(s.p_world[0]);
   more_px.push_back(s.px[0] + Vec2(200, -150));
-  const auto turned = pose_ransac(lens, more, more_px, {});
-  if (turned) std::printf("inliers %d last %d rms %g\n", turned->consensus.n_inliers, int(turned->consensus.inlier[12]), turned->consensus.rms_px);
+  EXPECT_THAT(message(more, more_px), HasSubstr("by chance"));
   // Nothing but wrong correspondences: a handful always agree with some pose.
   for (std::uint64_t seed = 0; seed < 3; ++seed) {
     Scene wrong = random_scene(lens, rng, 100, 1, 0);

@@ -32,7 +32,8 @@ Scene random_scene(Rng& rng, int n) {
   const Vec3 p = rng.uniform(1.5, 4) * Vec3(rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), 1);
   s.p_world = T_any_world.inverse() * p;
   while (static_cast<int>(s.px.size()) < n) {
-    const Vec3 centre = random_vec3(rng, -0.1, 0.1) + Vec3(1.2 * static_cast<double>(s.px.size()) / (n - 1) - 0.6, 0, 0);
+    const Vec3 centre =
+        random_vec3(rng, -0.1, 0.1) + Vec3(1.2 * static_cast<double>(s.px.size()) / (n - 1) - 0.6, 0, 0);
     const Mat3 R = so3_exp(0.2 * random_direction(rng));
     const SE3 T_cam_any(R, -R * centre);
     const Lens& lens = lenses[static_cast<std::size_t>(rng.index(3))];
@@ -141,7 +142,8 @@ TEST(RefinePoint, ReachesCeresOptimumAndCovariance) {
     const double cost = 0.5 * ours.rms_px * ours.rms_px * static_cast<double>(px.size());
     EXPECT_NEAR(cost, summary.final_cost, 1e-9 * (1 + summary.final_cost)) << "problem " << i;
     ceres::Covariance covariance((ceres::Covariance::Options()));
-    ASSERT_TRUE(covariance.Compute({{p.data(), p.data()}}, &problem));
+    ASSERT_TRUE(covariance.Compute(std::vector<std::pair<const double*, const double*>>{{p.data(), p.data()}},
+                                   &problem));
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> C;
     covariance.GetCovarianceBlock(p.data(), p.data(), C.data());
     EXPECT_LT((C - ours.covariance).norm(), 1e-4 * C.norm()) << "problem " << i;

@@ -2,6 +2,7 @@
 #include "plumbline/refine/pose.hpp"
 
 #include <ceres/ceres.h>
+#include <ceres/rotation.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -138,9 +139,9 @@ TEST_P(RefinePose, ReachesCeresOptimumAndCovariance) {
     const Scene s = random_scene(c, rng, 20);
     const auto px = noisy(s.px, rng, 0.5);
     const auto ours = refine_pose(s.T_cam_world, c.lens, s.p_world, px, 1).value();
-    double pose[6];
-    Eigen::Map<Vec3>(pose) = so3_log(s.T_cam_world.R());
-    Eigen::Map<Vec3>(pose + 3) = s.T_cam_world.t();
+    Vec6 start;
+    start << so3_log(s.T_cam_world.R()), s.T_cam_world.t();
+    double* pose = start.data();
     ceres::Problem problem;
     for (std::size_t k = 0; k < px.size(); ++k) {
       problem.AddResidualBlock(
@@ -158,7 +159,8 @@ TEST_P(RefinePose, ReachesCeresOptimumAndCovariance) {
     ceres::Covariance::Options covariance_options;
     covariance_options.algorithm_type = ceres::DENSE_SVD;
     ceres::Covariance covariance(covariance_options);
-    ASSERT_TRUE(covariance.Compute({{pose, pose}}, &problem));
+    ASSERT_TRUE(
+        covariance.Compute(std::vector<std::pair<const double*, const double*>>{{pose, pose}}, &problem));
     Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
     covariance.GetCovarianceBlock(pose, pose, C.data());
     Mat6 J = Mat6::Identity();  // rotation vector to step on the left
