@@ -134,23 +134,37 @@ std::optional<Found<Mat3>> search(const Seen& pairs, const SampsonErrors& errors
       errors, [&](const Mat3& E, std::span<const int> inliers) { return refit(pairs, E, inliers); });
 }
 
-// The pairs that a turn explains: the rotation nearest to either of E's, fitted again to those near it.
-detail::Plane turn(const Seen& pairs, const Found<Mat3>& found, double tolerance_px) {
-  detail::Plane best;
-  const std::array<SE3, 4> four = decompose_essential(found.model);
-  for (const std::size_t which : {0, 2}) {
-    detail::Plane plane =
-        detail::split_by_homography(four[which].R(), pairs.a, pairs.b, 3 * tolerance_px);
-    for (int k = 0; k < 3 && plane.on.size() >= 2; ++k) {
-      Mat3 moment = Mat3::Zero();
-      for (const int i : plane.on) {
-        moment += pairs.b[static_cast<std::size_t>(i)].v * pairs.a[static_cast<std::size_t>(i)].v.transpose();
-      }
-      plane = detail::split_by_homography(nearest_rotation(moment), pairs.a, pairs.b, tolerance_px);
+// The pairs that a turn explains, by samples of two of E's inliers.
+std::optional<detail::Plane> turn(const Seen& pairs, const Found<Mat3>& found, double tolerance_px,
+                                  std::uint64_t seed) {
+  const std::vector<int> inliers = detail::inlier_indices(found.consensus);
+  const std::vector<detail::Lifted> a = detail::subset(pairs.a, inliers), b = detail::subset(pairs.b, inliers);
+  const auto fit = [&](std::span<const int> of) {
+    Mat3 moment = Mat3::Zero();
+    for (const int i : of) {
+      moment += b[static_cast<std::size_t>(i)].v * a[static_cast<std::size_t>(i)].v.transpose();
     }
-    if (best.on.empty() || plane.on.size() > best.on.size()) best = std::move(plane);
-  }
-  return best;
+    return nearest_rotation(moment);
+  };
+  RansacOptions options;
+  options.inlier_px = tolerance_px;
+  options.max_hypotheses = 32;  // a turn of half of the inliers is missed once in 10,000
+  options.seed = seed;
+  const auto best = detail::find_consensus<Mat3>(
+      static_cast<int>(a.size()), 2, options,
+      [&](std::span<const int> sample, std::vector<Mat3>& out) { out.push_back(fit(sample)); },
+      [&](const Mat3& R, int first, std::span<double> e2) {
+        for (std::size_t k = 0; k < e2.size(); ++k) {
+          const std::size_t i = static_cast<std::size_t>(first) + k;
+          e2[k] = detail::homography_sampson_squared(R, a[i], b[i]);
+        }
+      },
+      [&](const Mat3&, std::span<const int> of) -> std::optional<Mat3> {
+        if (of.size() < 2) return std::nullopt;
+        return fit(of);
+      });
+  if (!best) return std::nullopt;
+  return detail::split_by_homography(best->model, pairs.a, pairs.b, tolerance_px);
 }
 
 std::vector<Vec3> rays_of(const std::vector<detail::Lifted>& lifted, std::span<const int> of) {
@@ -205,16 +219,17 @@ std::optional<Error> refuse(const Seen& pairs, const SampsonErrors& errors, cons
   }
   const detail::Noise noise = detail::noise_among(found, pairs.a, pairs.b, 5, kRoundingPx);
   const auto n_inliers = static_cast<std::size_t>(found.consensus.n_inliers);
-  const detail::Plane turned = turn(pairs, found, noise.tolerance_px(n_inliers));
-  // 2 n - 3 degrees of freedom against n - 5, then 2 n - 8 against n - 5.
-  TwoViewComparison c = detail::judge(found, turned, pairs.a, pairs.b, pairs.px2, noise, 2);
-  if (c.kind != TwoViewDegeneracy::kNone) {
-    c.kind = TwoViewDegeneracy::kPureRotation;
-    return degenerate(c.text());
+  // A rotation has 2 n - 3 degrees of freedom against n - 5, a plane's homography 2 n - 8.
+  if (const auto turned = turn(pairs, found, noise.tolerance_px(n_inliers), options.seed)) {
+    TwoViewComparison c = detail::judge(found, *turned, pairs.a, pairs.b, pairs.px2, noise, 2);
+    if (c.kind != TwoViewDegeneracy::kNone) {
+      c.kind = TwoViewDegeneracy::kPureRotation;
+      return degenerate(c.text());
+    }
   }
   const auto plane = detail::dominant_plane(found, pairs.a, pairs.b, noise, options.seed);
   if (!plane) return std::nullopt;
-  c = detail::judge(found, *plane, pairs.a, pairs.b, pairs.px2, noise, -3);
+  const TwoViewComparison c = detail::judge(found, *plane, pairs.a, pairs.b, pairs.px2, noise, -3);
   if (c.kind == TwoViewDegeneracy::kNone) return std::nullopt;
   return settle_plane(pairs, errors, *plane, c, options, found);
 }

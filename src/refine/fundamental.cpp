@@ -122,18 +122,18 @@ Result<RefinedFundamental> refine_fundamental(const Mat3& start, std::span<const
   const Mat3 normalised = b.T.inverse().transpose() * start * a.T.inverse();
   const auto solution = detail::solve_small<7>(
       Orthonormal(normalised), evaluate, [](const Orthonormal& s, const Vec7& d) { return s.plus(d); });
-  if (!solution || !solution->converged) {
-    return Error{ErrorCode::kNotConverged,
-                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                             "start from fundamental_ransac()",
-                             px1.size()),
-                 kWhere};
-  }
-  const auto covariance = detail::spd_inverse<7>(solution->equations.A);
-  if (!covariance) {
+  const auto covariance = solution ? detail::spd_inverse<7>(solution->equations.A) : std::nullopt;
+  if (solution && !covariance) {
     return Error{ErrorCode::kDegenerate,
                  fmt::format("the {} pairs leave the fundamental matrix undetermined: the scene is a plane or "
                              "the camera only turned; use a homography, or points at different depths",
+                             px1.size()),
+                 kWhere};
+  }
+  if (!solution || !detail::is_settled(*solution, *covariance)) {
+    return Error{ErrorCode::kNotConverged,
+                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
+                             "start from fundamental_ransac()",
                              px1.size()),
                  kWhere};
   }

@@ -89,18 +89,18 @@ Result<RefinedRelativePose> refine_relative_pose(const SE3& start_T_2_1, const L
   const auto solution =
       detail::solve_small<5>(State{start_T_2_1.R(), start_T_2_1.t() / baseline}, evaluate,
                              [](const State& s, const Vec5& d) { return s.plus(d); });
-  if (!solution || !solution->converged) {
-    return Error{ErrorCode::kNotConverged,
-                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                             "start from essential_ransac()",
-                             px1.size()),
-                 kWhere};
-  }
-  const auto covariance = detail::spd_inverse<5>(solution->equations.A);
-  if (!covariance) {
+  const auto covariance = solution ? detail::spd_inverse<5>(solution->equations.A) : std::nullopt;
+  if (solution && !covariance) {
     return Error{ErrorCode::kDegenerate,
                  fmt::format("the {} pairs leave the relative pose undetermined: the camera only turned; move "
                              "the camera between the views",
+                             px1.size()),
+                 kWhere};
+  }
+  if (!solution || !detail::is_settled(*solution, *covariance)) {
+    return Error{ErrorCode::kNotConverged,
+                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
+                             "start from essential_ransac()",
                              px1.size()),
                  kWhere};
   }

@@ -10,7 +10,9 @@ namespace plumbline {
 /// A refined fundamental matrix and what noise leaves uncertain of it.
 struct RefinedFundamental {
   Mat3 F;                                   ///< rank 2, |F| = 1, the sign of the start
-  Eigen::Matrix<double, 9, 9> covariance;   ///< of the entries of F, row after row; rank 7
+  /// Of the entries of F, row after row; rank 7, of first order: entries of an F whose epipole is uncertain
+  /// by its own distance are bent functions of the noise, and only the part along the surface is told.
+  Eigen::Matrix<double, 9, 9> covariance;
   double rms_px = 0;                        ///< root mean square Sampson distance
   int iterations = 0;
 };
