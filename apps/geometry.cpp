@@ -9,6 +9,14 @@ namespace plumbline::apps {
 namespace {
 
 constexpr std::array kVerbs{
+    GeometryVerb{"pose", "points of the world, their pixels and a camera -> where the camera is",
+                 add_geometry_pose},
+    GeometryVerb{"triangulate", "pixels of one point in several posed cameras -> the point",
+                 add_geometry_triangulate},
+    GeometryVerb{"fundamental", "matched pixels -> F and the epipoles", add_geometry_fundamental},
+    GeometryVerb{"rectify",
+                 "matched pixels -> homographies after which the rows match, without a calibration",
+                 add_geometry_rectify},
     GeometryVerb{"transform", "chain, invert and convert rigid transforms", add_geometry_transform},
     GeometryVerb{"bundle", "adjust points, poses and lenses of a COLMAP model or BAL problem",
                  add_geometry_bundle},

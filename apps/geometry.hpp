@@ -17,6 +17,10 @@ struct GeometryVerb {
 /// All verbs, from what needs one view to what needs many.
 std::span<const GeometryVerb> geometry_verbs();
 
+void add_geometry_pose(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_triangulate(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_fundamental(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_rectify(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_bundle(CLI::App& app, const Common& common, int& exit_code);
 

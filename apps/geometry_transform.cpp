@@ -9,6 +9,8 @@
 #include "geometry_args.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
+#include "plumbline/io/files.hpp"
+#include "plumbline/io/transform_io.hpp"
 
 namespace plumbline::apps {
 namespace {
@@ -17,9 +19,9 @@ constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 struct Options {
   // By option, in the order of the command line; the chain is put together in run().
-  std::vector<std::string> matrix, quaternion, rvec_rad, rvec_deg, axis_rad, axis_deg, t_m;
+  std::vector<std::string> files, matrix, quaternion, rvec_rad, rvec_deg, axis_rad, axis_deg, t_m;
   int inverse = 0;
-  std::string output;
+  std::string points, output;
 };
 
 // A link of the chain while it is put together.
@@ -28,39 +30,29 @@ struct Link {
   bool may_take_t = false;  // a rotation was given, and no translation yet
 };
 
-Result<SE3> transform_of(const Mat3& R, const Vec3& t_m, const std::string& where) {
-  const double off = (R.transpose() * R - Mat3::Identity()).norm();
-  if (!(off < 1e-5) || R.determinant() < 0) {
-    return Error{ErrorCode::kInvalidData,
-                 fmt::format("not a rotation: |R'R - I| = {:.3g}, det R = {:.6g}; give more digits (1e-5 is "
-                             "enough), or the transpose of what was meant",
-                             off, R.determinant()),
-                 where};
-  }
-  return SE3(R, t_m);
+// What is wrong with the numbers of an option names the option.
+template <class T>
+Result<T> of_option(Result<T> result, const std::string& option) {
+  if (!result) return in_file(result.error(), option);
+  return result;
+}
+
+Result<SE3> from_file(const std::string& file) {
+  auto text = read_file(file);
+  if (!text) return text.error();
+  return of_option(parse_transform(*text), file);
 }
 
 Result<SE3> from_matrix(const std::string& text) {
-  const auto m = parse_numbers(text, {9, 12, 16}, "--matrix");
-  const int columns = m.size() == 9 ? 3 : 4;
-  Mat3 R;
-  Vec3 t = Vec3::Zero();
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) R(r, c) = m[r * columns + c];
-    if (columns == 4) t[r] = m[r * columns + 3];
-  }
-  if (m.size() == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
-    usage_error("--matrix: the last row of a 4x4 transform is 0 0 0 1");
-  return transform_of(R, t, "--matrix");
+  parse_numbers(text, {9, 12, 16}, "--matrix");
+  return of_option(parse_transform(text), "--matrix");
 }
 
 Result<SE3> from_quaternion(const std::string& text) {
   const auto q = parse_numbers(text, {4}, "--quaternion-wxyz");
-  const Eigen::Quaterniond quaternion(q[0], q[1], q[2], q[3]);
-  if (std::abs(quaternion.norm() - 1) > 1e-4) {
-    usage_error(fmt::format("--quaternion-wxyz {}: its length is {:.6g}, not 1", text, quaternion.norm()));
-  }
-  return SE3(quaternion.normalized().toRotationMatrix(), Vec3::Zero());
+  auto R = of_option(rotation_of_quaternion({q[0], q[1], q[2], q[3]}), "--quaternion-wxyz");
+  if (!R) return R.error();
+  return SE3(*R, Vec3::Zero());
 }
 
 Result<SE3> from_rvec(const std::string& text, double unit_rad, const std::string& option) {
@@ -83,7 +75,9 @@ Result<SE3> chain(const CLI::App& app, const Options& o) {
     const std::string name = option->get_name();
     const auto next = [&](const std::vector<std::string>& values) { return values.at(taken[name]++); };
     Result<SE3> T = SE3();
-    if (name == "--matrix") {
+    if (name == "file") {
+      T = from_file(next(o.files));
+    } else if (name == "--matrix") {
       T = from_matrix(next(o.matrix));
     } else if (name == "--quaternion-wxyz") {
       T = from_quaternion(next(o.quaternion));
@@ -110,7 +104,7 @@ Result<SE3> chain(const CLI::App& app, const Options& o) {
       continue;
     }
     if (!T) return T.error();
-    links.push_back({*T, name != "--matrix"});
+    links.push_back({*T, name != "file" && name != "--matrix"});
   }
   if (links.empty()) usage_error("give at least one transform, for example --rvec-deg 0,0,90 --t 0,0,1");
   SE3 product;
@@ -121,23 +115,33 @@ Result<SE3> chain(const CLI::App& app, const Options& o) {
 Result<int> run(const CLI::App& app, const Options& o, const Common& common) {
   auto T = chain(app, o);
   if (!T) return T.error();
-  if (!o.output.empty()) {
-    if (Status s = check_output(o.output, common); !s) return s.error();
+  if (Status s = check_answer(o.output, common); !s) return s.error();
+  std::vector<Vec3> moved;
+  if (!o.points.empty()) {
+    auto table = load_points(o.points);
+    if (!table) return table.error();
+    auto points = points_3d(*table, "X", "Y", "Z");
+    if (!points) return in_file(points.error(), o.points);
+    for (const Vec3& p : *points) moved.push_back(*T * p);
   }
   const Mat3 R = T->R();
   const Vec3 w = so3_log(R);
   const Vec4 q(T->qt[0], T->qt[1], T->qt[2], T->qt[3]);
-  const Json json{{"T", json_of_matrix(T->matrix())},
-                  {"R", json_of_matrix(R)},
-                  {"t", json_of_vector(T->t())},
-                  {"C", json_of_vector(T->centre())},
-                  {"quaternion_wxyz", json_of_vector(q[0] < 0 ? Vec4(-q) : q)},
-                  {"rvec_rad", json_of_vector(w)},
-                  {"angle_deg", w.norm() / kRadPerDeg}};
+  Json json{{"T", json_of_matrix(T->matrix())},
+            {"R", json_of_matrix(R)},
+            {"t", json_of_vector(T->t())},
+            {"C", json_of_vector(T->centre())},
+            {"quaternion_wxyz", json_of_vector(q[0] < 0 ? Vec4(-q) : q)},
+            {"rvec_rad", json_of_vector(w)},
+            {"angle_deg", w.norm() / kRadPerDeg}};
   std::string text = text_of_matrix("T", T->matrix34());
   text += fmt::format("C = {}\nquaternion wxyz {}\nrotation vector {} deg, {:.9g} deg in all\n",
                       text_of_vector(T->centre()), text_of_vector(q[0] < 0 ? Vec4(-q) : q),
                       text_of_vector(w / kRadPerDeg), w.norm() / kRadPerDeg);
+  for (const Vec3& p : moved) {
+    json["points"].push_back(json_of_vector(p));
+    text += text_of_vector(p) + "\n";
+  }
   if (Status s = give_answer(json, text, o.output, common); !s) return s.error();
   return kDone;
 }
@@ -151,6 +155,7 @@ void add_list_option(CLI::App& app, const std::string& name, std::vector<std::st
 
 void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
+  app.add_option("file", o->files, "files with a transform, of any verb's answer or of 9, 12 or 16 numbers");
   add_list_option(app, "--matrix", o->matrix, "a transform as 9 (R), 12 (3x4) or 16 numbers, row by row");
   add_list_option(app, "--quaternion-wxyz", o->quaternion, "a rotation as a unit quaternion w,x,y,z");
   add_list_option(app, "--rvec-rad", o->rvec_rad, "a rotation vector x,y,z in radians");
@@ -160,6 +165,7 @@ void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code)
   add_list_option(app, "--t", o->t_m,
                   "translation x,y,z of the rotation before it; without one, a transform of its own");
   app.add_flag("--inverse", o->inverse, "inverts the transform before it");
+  app.add_option("--points", o->points, "points to move; CSV or YAML with a header; columns X,Y,Z");
   add_answer_option(app, o->output);
   app.footer(
       "Transforms multiply in the order in which they are given: T = T_1 T_2 ..., as in T_a_c = T_a_b "

@@ -37,12 +37,12 @@ std::optional<Error> refuse_plane(const detail::Spread& s, Eigen::Index n) {
 }
 
 std::optional<Error> refuse_solution(const detail::DltSolution& solution) {
-  if (solution.determinacy() < detail::kRankTolerance) {
+  if (solution.determinacy < detail::kRankTolerance) {
     return degenerate(
         fmt::format("more than one camera matrix fits (singular value ratio {:.2g}, at least {:.0e} is "
                     "needed): the points lie in "
                     "a plane and on a line, or on a twisted cubic through the camera; add points elsewhere",
-                    solution.determinacy(), detail::kRankTolerance));
+                    solution.determinacy, detail::kRankTolerance));
   }
   const Vec3 s = svd3(Mat3(solution.H.leftCols(3))).s;
   if (s[2] < detail::kRankTolerance * s[0]) {

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "linear/normal_null.hpp"
+#include "plumbline/core/check.hpp"
 #include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
@@ -102,12 +104,10 @@ std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous) {
   return E;
 }
 
-double DltSolution::determinacy() const {
-  const double largest = singular_values[0];
-  return largest > 0 ? singular_values[singular_values.size() - 2] / largest : 0.0;
-}
+namespace {
 
-DltSolution solve_dlt(const MatX& a, std::span<const Mat23> E) {
+// From the rows themselves, E_i's columns times a_i': for systems that are nearly of too small a rank.
+DltSolution solve_dlt_by_svd(const MatX& a, std::span<const Mat23> E) {
   const Eigen::Index k = a.rows(), n = a.cols();
   MatX A(2 * n, 3 * k);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -116,7 +116,61 @@ DltSolution solve_dlt(const MatX& a, std::span<const Mat23> E) {
     }
   }
   const NullVector null = null_vector(A);
-  return {Eigen::Map<const MatX>(null.v.data(), k, 3).transpose(), null.singular_values};
+  const double largest = null.singular_values[0], last_but_one = null.singular_values[3 * k - 2];
+  return {Eigen::Map<const MatX>(null.v.data(), k, 3).transpose(),
+          largest > 0 ? last_but_one / largest : 0.0};
+}
+
+// A'A of those rows is made of the blocks  sum (E'E)(r, c) a a', and A'A h of  sum a (E'E H a)'.
+template <int K>
+DltSolution solve_dlt_of(const MatX& a, std::span<const Mat23> E) {
+  using VecK = Eigen::Matrix<double, K, 1>;
+  using Moments = Eigen::Matrix<double, K*(K + 1) / 2, 6>;
+  constexpr int N = 3 * K;
+  const auto point = [&](std::size_t i) {
+    return Eigen::Map<const VecK>(a.data() + K * static_cast<Eigen::Index>(i));
+  };
+  Moments sums = Moments::Zero();
+  for (std::size_t i = 0; i < E.size(); ++i) {
+    const VecK p = point(i);
+    const Mat3 e = E[i].transpose() * E[i];
+    Eigen::Matrix<double, K*(K + 1) / 2, 1> q;
+    for (int r = 0, at = 0; r < K; ++r)
+      for (int c = r; c < K; ++c) q[at++] = p[r] * p[c];
+    const Vec6 w(e(0, 0), e(0, 1), e(0, 2), e(1, 1), e(1, 2), e(2, 2));
+    sums.noalias() += q * w.transpose();
+  }
+  Eigen::Matrix<double, N, N> G;
+  for (int i = 0, block = 0; i < 3; ++i) {
+    for (int j = i; j < 3; ++j, ++block) {
+      for (int r = 0, at = 0; r < K; ++r)
+        for (int c = r; c < K; ++c, ++at) {
+          const double m = sums(at, block);
+          G(K * i + r, K * j + c) = G(K * i + c, K * j + r) = m;
+          G(K * j + r, K * i + c) = G(K * j + c, K * i + r) = m;
+        }
+    }
+  }
+  const auto gradient = [&](const Eigen::Matrix<double, N, 1>& h) {
+    const Eigen::Matrix<double, K, 3> Ht = Eigen::Map<const Eigen::Matrix<double, K, 3>>(h.data());
+    Eigen::Matrix<double, K, 3> sum = Eigen::Matrix<double, K, 3>::Zero();
+    for (std::size_t i = 0; i < E.size(); ++i) {
+      const VecK p = point(i);
+      const Vec2 r = E[i] * (Ht.transpose() * p);
+      sum.noalias() += p * (E[i].transpose() * r).transpose();
+    }
+    return Eigen::Matrix<double, N, 1>(Eigen::Map<const Eigen::Matrix<double, N, 1>>(sum.data()));
+  };
+  const auto null = null_of_normal<N>(G, gradient);
+  if (!null) return solve_dlt_by_svd(a, E);
+  return {Eigen::Map<const Eigen::Matrix<double, K, 3>>(null->v.data()).transpose(), null->determinacy};
+}
+
+}  // namespace
+
+DltSolution solve_dlt(const MatX& a, std::span<const Mat23> E) {
+  PLUMBLINE_CHECK(a.rows() == 3 || a.rows() == 4, "solve_dlt needs points of a plane or of space");
+  return a.rows() == 3 ? solve_dlt_of<3>(a, E) : solve_dlt_of<4>(a, E);
 }
 
 }  // namespace plumbline::detail

@@ -37,11 +37,11 @@ std::optional<Error> refuse_line(const detail::Spread& s, Eigen::Index n, const 
 }
 
 std::optional<Error> refuse_solution(const detail::DltSolution& solution) {
-  if (solution.determinacy() < detail::kRankTolerance) {
+  if (solution.determinacy < detail::kRankTolerance) {
     return degenerate(
         fmt::format("more than one homography fits (singular value ratio {:.2g}, at least {:.0e} is "
                     "needed); add points that span an area",
-                    solution.determinacy(), detail::kRankTolerance));
+                    solution.determinacy, detail::kRankTolerance));
   }
   const Vec3 s = svd3(Mat3(solution.H)).s;
   if (s[2] < detail::kRankTolerance * s[0]) {

@@ -11,8 +11,10 @@
 #include "plumbline/io/calibration_io.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/formats.hpp"
+#include "plumbline/io/points_io.hpp"
 #include "plumbline/io/reconstruction_io.hpp"
 #include "plumbline/io/target_io.hpp"
+#include "plumbline/io/transform_io.hpp"
 
 namespace {
 using namespace plumbline;
@@ -89,8 +91,9 @@ extern "C" int LLVMFuzzerInitialize(int*, char*** argv) {
   const std::string program = std::filesystem::path((*argv)[0]).filename().string();
   reader_name = program.substr(program.find('_') + 1);
   const bool known = reader_name == "target" || reader_name == "corners" || reader_name == "calibration" ||
-                     reader_name == "vnl" || reader_name == "any" || reader_name == "bal" ||
-                     reader_name == "colmap_model" || find_format(reader_name);
+                     reader_name == "vnl" || reader_name == "points" || reader_name == "transform" ||
+                     reader_name == "any" || reader_name == "bal" || reader_name == "colmap_model" ||
+                     find_format(reader_name);
   require(known);
   return 0;
 }
@@ -110,6 +113,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     read_bal(text);
   else if (name == "colmap_model")
     read_colmap_model(text);
+  else if (name == "points")
+    read_twice(parse_points(text), format_points, parse_points);
+  else if (name == "transform")
+    (void)parse_transform(text);
   else
     read_format(name == "any" ? std::string() : name, text);
   return 0;

@@ -96,6 +96,13 @@ int main(int argc, char** argv) {
   seed("calibration", format_calibration(rig_only));
   seed("vnl", format_vnl(calibration.data, 0));
   seed("vnl", "# filename x y weight\na 1 2 0.5\na - - -\nb 1e3 2 -\n");
+  seed("points", "X,Y,Z,u,v\n0.5,1,2,3.25,-1\n-1,2e-3,3,4,5\n");
+  seed("points", "# u v\n1 2\n- 3 # not seen\n");
+  seed("points", "{columns: [u, v], rows: [[0.5, 1], [2, ~]]}\n");
+  seed("points", "columns: [u, v]\nrows: |\n  1 2\n  3 4\n");
+  seed("transform", "1 0 0 5\n0 1 0 6\n0 0 1 7\n0 0 0 1\n");
+  seed("transform", "{R: [[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]], t: [1, 2, 3]}\n");
+  seed("transform", "quaternion_wxyz: [1, 0, 0, 0]\nrotation_rad: [0, 0, 0]\ntranslation_m: [1, 2, 3]\n");
   seed_formats();
   seed_reconstructions();
   return 0;

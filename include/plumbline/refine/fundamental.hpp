@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <span>
+
+#include "plumbline/core/result.hpp"
+#include "plumbline/core/types.hpp"
+
+namespace plumbline {
+
+/// A refined fundamental matrix and what noise leaves uncertain of it.
+struct RefinedFundamental {
+  Mat3 F;                                   ///< rank 2, |F| = 1, the sign of the start
+  Eigen::Matrix<double, 9, 9> covariance;   ///< of the entries of F, row after row; rank 7
+  double rms_px = 0;                        ///< root mean square Sampson distance
+  int iterations = 0;
+};
+
+/// F that minimises the sum of the squared Sampson distances, over the seven parameters of F = U diag(cos p,
+/// sin p, 0) V' with rotations U and V (orthonormal representation: Bartoli & Sturm 2004), by
+/// Levenberg-Marquardt. The Sampson distance differs from the distance to the nearest pair that fulfils F
+/// (the gold standard, Hartley & Zisserman 2004, alg. 11.3) by terms of the noise over the distance to the
+/// epipoles, squared; the test of the covariance over 1000 trials at 1 px sees no difference.
+/// \param start  F near the answer, any scale: fundamental_8point() or fundamental_ransac()
+/// \param px1, px2  n >= 8 pairs without outliers; fewer, or unequal numbers, throw std::invalid_argument
+/// \param sigma_px  noise of each coordinate in both images [px], > 0; scales the covariance only
+/// \returns kDegenerate when the pairs leave a parameter undetermined (a planar scene, a camera that only
+///          turned; ask compare_with_homography() where in doubt); kInvalidData for NaN; kNotConverged
+Result<RefinedFundamental> refine_fundamental(const Mat3& start, std::span<const Vec2> px1,
+                                              std::span<const Vec2> px2, double sigma_px);
+
+}  // namespace plumbline
