@@ -18,6 +18,8 @@ struct GeometryVerb {
 std::span<const GeometryVerb> geometry_verbs();
 
 void add_geometry_pose(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_decompose(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry_homography(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_triangulate(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_fundamental(CLI::App& app, const Common& common, int& exit_code);
 void add_geometry_essential(CLI::App& app, const Common& common, int& exit_code);

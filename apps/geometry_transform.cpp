@@ -7,6 +7,7 @@
 
 #include "geometry.hpp"
 #include "geometry_args.hpp"
+#include "plumbline/geometry/rotation.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/io/files.hpp"
@@ -19,9 +20,10 @@ constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 struct Options {
   // By option, in the order of the command line; the chain is put together in run().
-  std::vector<std::string> files, matrix, quaternion, rvec_rad, rvec_deg, axis_rad, axis_deg, t_m;
+  std::vector<std::string> files, matrix, quaternion, rvec_rad, rvec_deg, axis_rad, axis_deg, euler_rad,
+      euler_deg, t_m;
   int inverse = 0;
-  std::string points, output;
+  std::string points, output, order = "ZYX";
 };
 
 // A link of the chain while it is put together.
@@ -55,6 +57,12 @@ Result<SE3> from_quaternion(const std::string& text) {
   return SE3(*R, Vec3::Zero());
 }
 
+EulerOrder order_of(const std::string& text, const std::string& option) {
+  const auto order = parse_euler_order(text);
+  if (!order) usage_error(option + " " + order.error().text());
+  return *order;
+}
+
 Result<SE3> from_rvec(const std::string& text, double unit_rad, const std::string& option) {
   const auto w = parse_numbers(text, {3}, option);
   return SE3(so3_exp(unit_rad * Vec3(w[0], w[1], w[2])), Vec3::Zero());
@@ -65,6 +73,16 @@ Result<SE3> from_axis(const std::string& text, double unit_rad, const std::strin
   const Vec3 axis(a[0], a[1], a[2]);
   if (!(axis.norm() > 0)) usage_error(fmt::format("{} {}: the axis has no length", option, text));
   return SE3(so3_exp(unit_rad * a[3] * axis.normalized()), Vec3::Zero());
+}
+
+// "YXZ:10,20,30".
+Result<SE3> from_euler(const std::string& text, double unit_rad, const std::string& option) {
+  const auto colon = text.find(':');
+  if (colon == std::string::npos)
+    usage_error(fmt::format("{} {}: ORDER:a,b,c is needed, for example YXZ:10,20,30", option, text));
+  const auto a = parse_numbers(text.substr(colon + 1), {3}, option);
+  return SE3(rotation_from_euler(order_of(text.substr(0, colon), option), unit_rad * Vec3(a[0], a[1], a[2])),
+             Vec3::Zero());
 }
 
 // The chain in the order of the command line: T = T_1 T_2 ..., as in T_a_c = T_a_b T_b_c.
@@ -89,6 +107,10 @@ Result<SE3> chain(const CLI::App& app, const Options& o) {
       T = from_axis(next(o.axis_rad), 1, name);
     } else if (name == "--axis-angle-deg") {
       T = from_axis(next(o.axis_deg), kRadPerDeg, name);
+    } else if (name == "--euler-rad") {
+      T = from_euler(next(o.euler_rad), 1, name);
+    } else if (name == "--euler-deg") {
+      T = from_euler(next(o.euler_deg), kRadPerDeg, name);
     } else if (name == "--t") {
       const auto t = parse_numbers(next(o.t_m), {3}, name);
       const bool completes = !links.empty() && links.back().may_take_t;
@@ -113,6 +135,7 @@ Result<SE3> chain(const CLI::App& app, const Options& o) {
 }
 
 Result<int> run(const CLI::App& app, const Options& o, const Common& common) {
+  const EulerOrder order = order_of(o.order, "--euler-order");
   auto T = chain(app, o);
   if (!T) return T.error();
   if (Status s = check_answer(o.output, common); !s) return s.error();
@@ -126,18 +149,25 @@ Result<int> run(const CLI::App& app, const Options& o, const Common& common) {
   }
   const Mat3 R = T->R();
   const Vec3 w = so3_log(R);
-  const Vec4 q(T->qt[0], T->qt[1], T->qt[2], T->qt[3]);
+  const Vec4 q = quaternion_from_rotation(R);
+  const EulerAngles euler = euler_from_rotation(order, R);
   Json json{{"T", json_of_matrix(T->matrix())},
             {"R", json_of_matrix(R)},
             {"t", json_of_vector(T->t())},
             {"C", json_of_vector(T->centre())},
-            {"quaternion_wxyz", json_of_vector(q[0] < 0 ? Vec4(-q) : q)},
+            {"quaternion_wxyz", json_of_vector(q)},
             {"rvec_rad", json_of_vector(w)},
-            {"angle_deg", w.norm() / kRadPerDeg}};
+            {"angle_deg", w.norm() / kRadPerDeg},
+            {"euler_order", to_string(order)},
+            {"euler_deg", json_of_vector(euler.angles_rad / kRadPerDeg)},
+            {"gimbal_lock", euler.gimbal_lock}};
   std::string text = text_of_matrix("T", T->matrix34());
   text += fmt::format("C = {}\nquaternion wxyz {}\nrotation vector {} deg, {:.9g} deg in all\n",
-                      text_of_vector(T->centre()), text_of_vector(q[0] < 0 ? Vec4(-q) : q),
-                      text_of_vector(w / kRadPerDeg), w.norm() / kRadPerDeg);
+                      text_of_vector(T->centre()), text_of_vector(q), text_of_vector(w / kRadPerDeg),
+                      w.norm() / kRadPerDeg);
+  text += fmt::format(
+      "Euler angles {} {} deg{}\n", to_string(order), text_of_vector(euler.angles_rad / kRadPerDeg),
+      euler.gimbal_lock ? ", at gimbal lock: only two of them are determined, the third is set to 0" : "");
   for (const Vec3& p : moved) {
     json["points"].push_back(json_of_vector(p));
     text += text_of_vector(p) + "\n";
@@ -162,6 +192,11 @@ void add_geometry_transform(CLI::App& app, const Common& common, int& exit_code)
   add_list_option(app, "--rvec-deg", o->rvec_deg, "a rotation vector x,y,z in degrees");
   add_list_option(app, "--axis-angle-rad", o->axis_rad, "a rotation as axis and angle x,y,z,a in radians");
   add_list_option(app, "--axis-angle-deg", o->axis_deg, "a rotation as axis and angle x,y,z,a in degrees");
+  add_list_option(
+      app, "--euler-rad", o->euler_rad,
+      "a rotation R = R_a R_b R_c by Euler angles as ORDER:a,b,c in radians, for example YXZ:0.1,0,0.2");
+  add_list_option(app, "--euler-deg", o->euler_deg, "the same in degrees");
+  app.add_option("--euler-order", o->order, "order of the Euler angles that are printed (default: ZYX)");
   add_list_option(app, "--t", o->t_m,
                   "translation x,y,z of the rotation before it; without one, a transform of its own");
   app.add_flag("--inverse", o->inverse, "inverts the transform before it");
