@@ -96,7 +96,8 @@ std::optional<Mat3> refit(const Seen& pairs, const Mat3& E, std::span<const int>
     across.col(1) = t.cross(across.col(0));
     MatX A = MatX::Zero(5, 5), g = MatX::Zero(5, 1);
     for (const int i : of) {
-      const detail::Lifted &a = pairs.a[static_cast<std::size_t>(i)], &b = pairs.b[static_cast<std::size_t>(i)];
+      const detail::Lifted &a = pairs.a[static_cast<std::size_t>(i)],
+                           &b = pairs.b[static_cast<std::size_t>(i)];
       const Vec3 q = R * a.v, p = q.cross(b.v);
       const double slope2 = (a.J_v_px.transpose() * (M.transpose() * b.v)).squaredNorm() +
                             (b.J_v_px.transpose() * (M * a.v)).squaredNorm();
@@ -138,7 +139,8 @@ std::optional<Found<Mat3>> search(const Seen& pairs, const SampsonErrors& errors
 std::optional<detail::Plane> turn(const Seen& pairs, const Found<Mat3>& found, double tolerance_px,
                                   std::uint64_t seed) {
   const std::vector<int> inliers = detail::inlier_indices(found.consensus);
-  const std::vector<detail::Lifted> a = detail::subset(pairs.a, inliers), b = detail::subset(pairs.b, inliers);
+  const std::vector<detail::Lifted> a = detail::subset(pairs.a, inliers),
+                                    b = detail::subset(pairs.b, inliers);
   const auto fit = [&](std::span<const int> of) {
     Mat3 moment = Mat3::Zero();
     for (const int i : of) {
@@ -193,12 +195,14 @@ std::optional<Error> settle_plane(const Seen& pairs, const SampsonErrors& errors
     const double turned = rotation_angle(p.R() * q.R().transpose()),
                  apart = std::atan2(p.t().cross(q.t()).norm(), p.t().dot(q.t()));
     if (std::max(turned, apart) > kSameRad) {
-      return degenerate(fmt::format(
-          "the scene is a plane, and two motions explain it ({} of {} pairs on it; the two are turned by {:.3g} "
-          "degrees, their baselines by {:.3g}); use points off the plane, or plane_motions() and what is known "
-          "of its normal",
-          comparison.n - comparison.n_off, comparison.n, turned * 180 / std::numbers::pi,
-          apart * 180 / std::numbers::pi));
+      return degenerate(
+          fmt::format("the scene is a plane, and two motions explain it ({} of {} pairs on it; the two are "
+                      "turned by {:.3g} "
+                      "degrees, their baselines by {:.3g}); use points off the plane, or plane_motions() and "
+                      "what is known "
+                      "of its normal",
+                      comparison.n - comparison.n_off, comparison.n, turned * 180 / std::numbers::pi,
+                      apart * 180 / std::numbers::pi));
     }
   }
   if (possible.size() == 1) {
@@ -251,10 +255,10 @@ Result<Found<RelativePose>> essential_ransac(const Lens& lens_1, const Lens& len
   }
   const Seen pairs = lift_pairs(lens_1, lens_2, px1, px2);
   if (pairs.a.size() < 6) {
-    return degenerate(
-        fmt::format("only {} of {} pairs lie in the domains of both lenses, at least 6 are needed; check that "
-                    "the lenses belong to the images",
-                    pairs.a.size(), px1.size()));
+    return degenerate(fmt::format(
+        "only {} of {} pairs lie in the domains of both lenses, at least 6 are needed; check that "
+        "the lenses belong to the images",
+        pairs.a.size(), px1.size()));
   }
   const SampsonErrors errors(pairs);
   std::optional<Found<Mat3>> found = search(pairs, errors, options);
@@ -265,7 +269,8 @@ Result<Found<RelativePose>> essential_ransac(const Lens& lens_1, const Lens& len
   }
   if (auto e = refuse(pairs, errors, options, *found)) return *e;
   const std::vector<int> inliers = detail::inlier_indices(found->consensus);
-  auto pose = relative_pose_from_essential(found->model, rays_of(pairs.a, inliers), rays_of(pairs.b, inliers));
+  auto pose =
+      relative_pose_from_essential(found->model, rays_of(pairs.a, inliers), rays_of(pairs.b, inliers));
   if (!pose) return pose.error();
   Found<RelativePose> out{std::move(*pose), {}};
   const std::vector<bool> ahead = std::exchange(out.model.in_front, std::vector<bool>(px1.size(), false));

@@ -31,7 +31,8 @@ inline SampsonTerm sampson_term(const Mat3& M, const MovingVector& a, const Movi
   const double inverse = 1 / std::sqrt(slope2);
   out.value = c * inverse;
   const Vec3 along_1 = a.J_v_px * slope_1, along_2 = b.J_v_px * slope_2;
-  out.d_M = inverse * (b.v * a.v.transpose()) - (out.value / slope2) * (b.v * along_1.transpose() + along_2 * a.v.transpose());
+  out.d_M = inverse * (b.v * a.v.transpose()) -
+            (out.value / slope2) * (b.v * along_1.transpose() + along_2 * a.v.transpose());
   return out;
 }
 

@@ -21,7 +21,7 @@ struct Views {
 };
 
 // A pair of pinholes, of lenses with distortion, or of fisheyes that see 100 degrees off their axes.
-Views views(Rng& rng, int n, int kind) {
+Views views(Rng& rng, int n, int kind, double from_epipole = 0) {
   Views s;
   if (kind == 0) {
     s.lens_1 = Pinhole{600, 610, 320, 240};
@@ -42,6 +42,11 @@ Views views(Rng& rng, int n, int kind) {
     if (ray.z() < cos_edge) continue;
     const Vec3 p = rng.uniform(3, 8) * ray, q = s.T_2_1 * p;
     if (q.z() < cos_edge * q.norm()) continue;
+    // Within some sigmas of an epipole the constraint is bent, for any estimator: see NoiseIsPredicted.
+    if (Vec3(q.normalized()).cross(s.T_2_1.t()).norm() < from_epipole ||
+        Vec3(ray).cross(s.T_2_1.centre()).norm() < from_epipole) {
+      continue;
+    }
     const auto a = project(s.lens_1, p), b = project(s.lens_2, q);
     if (!a || !b) continue;
     s.p_1.push_back(p), s.px1.push_back(*a), s.px2.push_back(*b);
@@ -111,10 +116,9 @@ TEST(RefineRelativePose, ReachesCeresOptimum) {
     Vec3 w = Vec3::Zero(), t = s.T_2_1.t();
     ceres::Problem problem;
     for (std::size_t k = 0; k < s.px1.size(); ++k) {
-      problem.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<RayCost, 1, 3, 3>(
-              new RayCost{s.T_2_1.R(), Ray(s.lens_1, s.px1[k]), Ray(s.lens_2, s.px2[k])}),
-          nullptr, w.data(), t.data());
+      problem.AddResidualBlock(new ceres::AutoDiffCostFunction<RayCost, 1, 3, 3>(new RayCost{
+                                   s.T_2_1.R(), Ray(s.lens_1, s.px1[k]), Ray(s.lens_2, s.px2[k])}),
+                               nullptr, w.data(), t.data());
     }
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_QR;
@@ -147,7 +151,9 @@ TEST(RefineRelativePose, NoiseIsPredicted) {
   for (const int kind : {0, 1, 2}) {
     Rng rng(3 + static_cast<std::uint64_t>(kind));
     const double sigma = kind == 2 ? 0.5 : 1;  // a fisheye's pixel is four times as wide
-    const Views clean = views(rng, kPairs, kind);
+    // Nearer than about 20 sigma to an epipole the constraint bends within the noise, and the covariance,
+    // which is one of first order, is too small for the gold standard's answers just as well.
+    const Views clean = views(rng, kPairs, kind, 20 * sigma / (kind == 2 ? 150 : 500));
     double squared = 0, linear2 = 0, refined2 = 0;
     Vec6 bias = Vec6::Zero(), sigma2 = Vec6::Zero();
     for (int i = 0; i < kTrials; ++i) {
@@ -179,7 +185,8 @@ TEST(RefineRelativePose, RefusesBadInput) {
   const auto still = refine_relative_pose(SE3(), s.lens_1, s.lens_2, s.px1, s.px2, 1);
   ASSERT_FALSE(still);
   EXPECT_THAT(still.error().message, HasSubstr("no baseline"));
-  EXPECT_THROW((void)refine_relative_pose(s.T_2_1, s.lens_1, s.lens_2, s.px1, s.px2, -1), std::invalid_argument);
+  EXPECT_THROW((void)refine_relative_pose(s.T_2_1, s.lens_1, s.lens_2, s.px1, s.px2, -1),
+               std::invalid_argument);
   s.px2[4] = Vec2(9000, 0);
   const auto outside = refine_relative_pose(s.T_2_1, s.lens_1, s.lens_2, s.px1, s.px2, 1);
   ASSERT_FALSE(outside);
