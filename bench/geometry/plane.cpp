@@ -142,7 +142,7 @@ void add_decomposition(std::vector<Method>& list) {
         const auto motions = plane_motions(p.H, p.K1, p.K2);
         if (!motions) return std::nullopt;
         Rotations all;
-        for (const PlaneMotion& m : *motions) all.push_back(m.R_2_1);
+        for (const PlaneMotion& m : *motions) all.push_back(m.R);
         return all;
       },
       nearest));

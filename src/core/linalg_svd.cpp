@@ -97,12 +97,6 @@ NullVector null_vector(const MatX& A) {
   return result;
 }
 
-NullVector4 null_vector4(const Mat4& A) {
-  PLUMBLINE_CHECK(A.allFinite(), "null_vector4 needs a finite matrix");
-  const Eigen::JacobiSVD<Mat4> svd(A, Eigen::ComputeFullV);
-  return {svd.matrixV().col(3), svd.singularValues()};
-}
-
 Mat3 nearest_rotation(const Mat3& A) {
   const Svd3 d = svd3(A);
   Vec3 sign(1, 1, (d.U * d.V.transpose()).determinant() < 0 ? -1.0 : 1.0);

@@ -74,8 +74,8 @@ TwoViewComparison judge(const Found<Mat3>& found, const Plane& plane, std::span<
   out.noise_px = noise.sigma_px();
   out.H = plane.H;
   if (out.n_off >= out.n_off_needed || on.size() < 4) return out;
-  const VarianceTest test = variance_test(found.model, plane.H, a, b, on,
-                                          static_cast<double>(on.size()) + extra_dof, noise);
+  const VarianceTest test =
+      variance_test(found.model, plane.H, a, b, on, static_cast<double>(on.size()) + extra_dof, noise);
   out.ratio = test.ratio, out.ratio_needed = test.needed;
   if (test.is_degenerate()) out.kind = TwoViewDegeneracy::kPlanarScene;
   return out;

@@ -17,7 +17,8 @@ double variance_ratio_limit(double d1, double d2) {
   const double a = 2 / (9 * d1), b = 2 / (9 * d2);
   const double bottom = (1 - b) * (1 - b) - z * z * b;
   if (!(bottom > 0)) return std::numeric_limits<double>::infinity();
-  const double root = (1 - a) * (1 - b) + z * std::sqrt((1 - b) * (1 - b) * a + (1 - a) * (1 - a) * b - z * z * a * b);
+  const double root =
+      (1 - a) * (1 - b) + z * std::sqrt((1 - b) * (1 - b) * a + (1 - a) * (1 - a) * b - z * z * a * b);
   return std::pow(root / bottom, 3);
 }
 
@@ -54,7 +55,8 @@ Noise noise_of(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted>
 
 double Noise::tolerance_px(std::size_t n) const {
   const double certain = 2 * std::log(1000.0), widened = variance_ratio_limit(2, dof) * 2;
-  return std::sqrt(2 * std::log(1000.0 * static_cast<double>(n)) * std::max(1.0, widened / certain) * variance);
+  return std::sqrt(2 * std::log(1000.0 * static_cast<double>(n)) * std::max(1.0, widened / certain) *
+                   variance);
 }
 
 std::optional<Mat3> four_point_homography(std::span<const Lifted> a, std::span<const Lifted> b,
@@ -153,8 +155,7 @@ TwoViewComparison compare(const Mat3& F, std::span<const Lifted> a, std::span<co
   const VarianceTest test = variance_test(F, out.H, a, b, on, static_cast<double>(on.size()) - 1, noise);
   out.ratio = test.ratio, out.ratio_needed = test.needed;
   if (!test.is_degenerate()) return out;
-  out.kind =
-      is_turn(out.H, on) ? TwoViewDegeneracy::kPureRotation : TwoViewDegeneracy::kPlanarScene;
+  out.kind = is_turn(out.H, on) ? TwoViewDegeneracy::kPureRotation : TwoViewDegeneracy::kPlanarScene;
   return out;
 }
 

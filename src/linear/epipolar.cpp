@@ -48,8 +48,7 @@ double sampson_distance(const Mat3& F, const Vec2& px1, const Vec2& px2) {
 double symmetric_epipolar_distance(const Mat3& F, const Vec2& px1, const Vec2& px2) {
   const Pair p = pair_of(F, px1, px2);
   if (p.value == 0) return 0;
-  return std::abs(p.value) *
-         std::sqrt(0.5 * (1 / p.normal_1.squaredNorm() + 1 / p.normal_2.squaredNorm()));
+  return std::abs(p.value) * std::sqrt(0.5 * (1 / p.normal_1.squaredNorm() + 1 / p.normal_2.squaredNorm()));
 }
 
 Mat3 fundamental_from_essential(const Mat3& E, const Mat3& K1, const Mat3& K2) {

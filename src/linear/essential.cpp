@@ -21,9 +21,9 @@ std::optional<Error> refuse_rays(std::span<const Vec3> rays_1, std::span<const V
                                  const char* where) {
   for (std::size_t i = 0; i < rays_1.size(); ++i) {
     if (!rays_1[i].allFinite() || !rays_2[i].allFinite() || rays_1[i].isZero(0) || rays_2[i].isZero(0)) {
-      return Error{
-          ErrorCode::kInvalidData,
-          fmt::format("pair {} has a ray that is zero or not a finite number; remove that pair", i), where};
+      return Error{ErrorCode::kInvalidData,
+                   fmt::format("pair {} has a ray that is zero or not a finite number; remove that pair", i),
+                   where};
     }
   }
   return std::nullopt;
@@ -79,11 +79,12 @@ Result<std::vector<Mat3>> essential_5point(std::span<const Vec3> rays_1, std::sp
     parallax = std::max(parallax, (R * a[i].normalized() - b[i].normalized()).norm());
   }
   if (parallax < detail::kRankTolerance) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("the camera only turned: a rotation explains the five pairs (parallax {:.2g} rad, at "
-                             "least {:.0e} is needed); move the camera between the views",
-                             parallax, detail::kRankTolerance),
-                 kWhere};
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("the camera only turned: a rotation explains the five pairs (parallax {:.2g} rad, at "
+                    "least {:.0e} is needed); move the camera between the views",
+                    parallax, detail::kRankTolerance),
+        kWhere};
   }
   const detail::Answers<10> answers = detail::five_point(a, b);
   if (!(answers.determinacy > detail::kRankTolerance)) {
@@ -117,11 +118,12 @@ Result<Mat3> essential_8point(std::span<const Vec3> rays_1, std::span<const Vec3
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
   }
   if (!(determinacy > detail::kRankTolerance)) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("more than one essential matrix fits the {} pairs (singular value ratio {:.2g}, at "
-                             "least {:.0e} is needed); add points at different depths",
-                             rays_1.size(), determinacy, detail::kRankTolerance),
-                 kWhere};
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("more than one essential matrix fits the {} pairs (singular value ratio {:.2g}, at "
+                    "least {:.0e} is needed); add points at different depths",
+                    rays_1.size(), determinacy, detail::kRankTolerance),
+        kWhere};
   }
   return E;
 }

@@ -96,7 +96,8 @@ std::optional<Mat3> refit(const Seen& pairs, const Mat3& E, std::span<const int>
     across.col(1) = t.cross(across.col(0));
     MatX A = MatX::Zero(5, 5), g = MatX::Zero(5, 1);
     for (const int i : of) {
-      const detail::Lifted &a = pairs.a[static_cast<std::size_t>(i)], &b = pairs.b[static_cast<std::size_t>(i)];
+      const detail::Lifted &a = pairs.a[static_cast<std::size_t>(i)],
+                           &b = pairs.b[static_cast<std::size_t>(i)];
       const Vec3 q = R * a.v, p = q.cross(b.v);
       const double slope2 = (a.J_v_px.transpose() * (M.transpose() * b.v)).squaredNorm() +
                             (b.J_v_px.transpose() * (M * a.v)).squaredNorm();
@@ -134,23 +135,38 @@ std::optional<Found<Mat3>> search(const Seen& pairs, const SampsonErrors& errors
       errors, [&](const Mat3& E, std::span<const int> inliers) { return refit(pairs, E, inliers); });
 }
 
-// The pairs that a turn explains: the rotation nearest to either of E's, fitted again to those near it.
-detail::Plane turn(const Seen& pairs, const Found<Mat3>& found, double tolerance_px) {
-  detail::Plane best;
-  const std::array<SE3, 4> four = decompose_essential(found.model);
-  for (const std::size_t which : {0, 2}) {
-    detail::Plane plane =
-        detail::split_by_homography(four[which].R(), pairs.a, pairs.b, 3 * tolerance_px);
-    for (int k = 0; k < 3 && plane.on.size() >= 2; ++k) {
-      Mat3 moment = Mat3::Zero();
-      for (const int i : plane.on) {
-        moment += pairs.b[static_cast<std::size_t>(i)].v * pairs.a[static_cast<std::size_t>(i)].v.transpose();
-      }
-      plane = detail::split_by_homography(nearest_rotation(moment), pairs.a, pairs.b, tolerance_px);
+// The pairs that a turn explains, by samples of two of E's inliers.
+std::optional<detail::Plane> turn(const Seen& pairs, const Found<Mat3>& found, double tolerance_px,
+                                  std::uint64_t seed) {
+  const std::vector<int> inliers = detail::inlier_indices(found.consensus);
+  const std::vector<detail::Lifted> a = detail::subset(pairs.a, inliers),
+                                    b = detail::subset(pairs.b, inliers);
+  const auto fit = [&](std::span<const int> of) {
+    Mat3 moment = Mat3::Zero();
+    for (const int i : of) {
+      moment += b[static_cast<std::size_t>(i)].v * a[static_cast<std::size_t>(i)].v.transpose();
     }
-    if (best.on.empty() || plane.on.size() > best.on.size()) best = std::move(plane);
-  }
-  return best;
+    return nearest_rotation(moment);
+  };
+  RansacOptions options;
+  options.inlier_px = tolerance_px;
+  options.max_hypotheses = 32;  // a turn of half of the inliers is missed once in 10,000
+  options.seed = seed;
+  const auto best = detail::find_consensus<Mat3>(
+      static_cast<int>(a.size()), 2, options,
+      [&](std::span<const int> sample, std::vector<Mat3>& out) { out.push_back(fit(sample)); },
+      [&](const Mat3& R, int first, std::span<double> e2) {
+        for (std::size_t k = 0; k < e2.size(); ++k) {
+          const std::size_t i = static_cast<std::size_t>(first) + k;
+          e2[k] = detail::homography_sampson_squared(R, a[i], b[i]);
+        }
+      },
+      [&](const Mat3&, std::span<const int> of) -> std::optional<Mat3> {
+        if (of.size() < 2) return std::nullopt;
+        return fit(of);
+      });
+  if (!best) return std::nullopt;
+  return detail::split_by_homography(best->model, pairs.a, pairs.b, tolerance_px);
 }
 
 std::vector<Vec3> rays_of(const std::vector<detail::Lifted>& lifted, std::span<const int> of) {
@@ -179,12 +195,14 @@ std::optional<Error> settle_plane(const Seen& pairs, const SampsonErrors& errors
     const double turned = rotation_angle(p.R() * q.R().transpose()),
                  apart = std::atan2(p.t().cross(q.t()).norm(), p.t().dot(q.t()));
     if (std::max(turned, apart) > kSameRad) {
-      return degenerate(fmt::format(
-          "the scene is a plane, and two motions explain it ({} of {} pairs on it; the two are turned by {:.3g} "
-          "degrees, their baselines by {:.3g}); use points off the plane, or plane_motions() and what is known "
-          "of its normal",
-          comparison.n - comparison.n_off, comparison.n, turned * 180 / std::numbers::pi,
-          apart * 180 / std::numbers::pi));
+      return degenerate(
+          fmt::format("the scene is a plane, and two motions explain it ({} of {} pairs on it; the two are "
+                      "turned by {:.3g} "
+                      "degrees, their baselines by {:.3g}); use points off the plane, or plane_motions() and "
+                      "what is known "
+                      "of its normal",
+                      comparison.n - comparison.n_off, comparison.n, turned * 180 / std::numbers::pi,
+                      apart * 180 / std::numbers::pi));
     }
   }
   if (possible.size() == 1) {
@@ -205,16 +223,17 @@ std::optional<Error> refuse(const Seen& pairs, const SampsonErrors& errors, cons
   }
   const detail::Noise noise = detail::noise_among(found, pairs.a, pairs.b, 5, kRoundingPx);
   const auto n_inliers = static_cast<std::size_t>(found.consensus.n_inliers);
-  const detail::Plane turned = turn(pairs, found, noise.tolerance_px(n_inliers));
-  // 2 n - 3 degrees of freedom against n - 5, then 2 n - 8 against n - 5.
-  TwoViewComparison c = detail::judge(found, turned, pairs.a, pairs.b, pairs.px2, noise, 2);
-  if (c.kind != TwoViewDegeneracy::kNone) {
-    c.kind = TwoViewDegeneracy::kPureRotation;
-    return degenerate(c.text());
+  // A rotation has 2 n - 3 degrees of freedom against n - 5, a plane's homography 2 n - 8.
+  if (const auto turned = turn(pairs, found, noise.tolerance_px(n_inliers), options.seed)) {
+    TwoViewComparison c = detail::judge(found, *turned, pairs.a, pairs.b, pairs.px2, noise, 2);
+    if (c.kind != TwoViewDegeneracy::kNone) {
+      c.kind = TwoViewDegeneracy::kPureRotation;
+      return degenerate(c.text());
+    }
   }
   const auto plane = detail::dominant_plane(found, pairs.a, pairs.b, noise, options.seed);
   if (!plane) return std::nullopt;
-  c = detail::judge(found, *plane, pairs.a, pairs.b, pairs.px2, noise, -3);
+  const TwoViewComparison c = detail::judge(found, *plane, pairs.a, pairs.b, pairs.px2, noise, -3);
   if (c.kind == TwoViewDegeneracy::kNone) return std::nullopt;
   return settle_plane(pairs, errors, *plane, c, options, found);
 }
@@ -236,10 +255,10 @@ Result<Found<RelativePose>> essential_ransac(const Lens& lens_1, const Lens& len
   }
   const Seen pairs = lift_pairs(lens_1, lens_2, px1, px2);
   if (pairs.a.size() < 6) {
-    return degenerate(
-        fmt::format("only {} of {} pairs lie in the domains of both lenses, at least 6 are needed; check that "
-                    "the lenses belong to the images",
-                    pairs.a.size(), px1.size()));
+    return degenerate(fmt::format(
+        "only {} of {} pairs lie in the domains of both lenses, at least 6 are needed; check that "
+        "the lenses belong to the images",
+        pairs.a.size(), px1.size()));
   }
   const SampsonErrors errors(pairs);
   std::optional<Found<Mat3>> found = search(pairs, errors, options);
@@ -250,7 +269,8 @@ Result<Found<RelativePose>> essential_ransac(const Lens& lens_1, const Lens& len
   }
   if (auto e = refuse(pairs, errors, options, *found)) return *e;
   const std::vector<int> inliers = detail::inlier_indices(found->consensus);
-  auto pose = relative_pose_from_essential(found->model, rays_of(pairs.a, inliers), rays_of(pairs.b, inliers));
+  auto pose =
+      relative_pose_from_essential(found->model, rays_of(pairs.a, inliers), rays_of(pairs.b, inliers));
   if (!pose) return pose.error();
   Found<RelativePose> out{std::move(*pose), {}};
   const std::vector<bool> ahead = std::exchange(out.model.in_front, std::vector<bool>(px1.size(), false));

@@ -30,17 +30,19 @@ Result<Mat3> fundamental_8point(std::span<const Vec2> px1, std::span<const Vec2>
   const bool is_clear = px1.size() >= kEnough && determinacy > detail::kRankTolerance &&
                         solution.singular_values[7] >= kClear * solution.singular_values[8];
   if (!is_clear) {
-    const TwoViewComparison c = detail::compare(F, pairs.a, pairs.b, pairs.rounding_px(), [&](const Mat3& H, std::span<const int> on) {
-        return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
-      });
+    const TwoViewComparison c = detail::compare(
+        F, pairs.a, pairs.b, pairs.rounding_px(), [&](const Mat3& H, std::span<const int> on) {
+          return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
+        });
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
   }
   if (!(determinacy > detail::kRankTolerance)) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("more than one fundamental matrix fits the {} pairs (singular value ratio {:.2g}, "
-                             "at least {:.0e} is needed); add points at different depths",
-                             px1.size(), determinacy, detail::kRankTolerance),
-                 kWhere};
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("more than one fundamental matrix fits the {} pairs (singular value ratio {:.2g}, "
+                    "at least {:.0e} is needed); add points at different depths",
+                    px1.size(), determinacy, detail::kRankTolerance),
+        kWhere};
   }
   return pairs.denormalised(F);
 }
@@ -54,12 +56,13 @@ Result<std::vector<Mat3>> fundamental_7point(std::span<const Vec2> px1, std::spa
   for (std::size_t i = 0; i < 7; ++i) a[i] = pairs.a[i].v, b[i] = pairs.b[i].v;
   const detail::Answers<3> answers = detail::seven_point(a, b);
   if (!(answers.determinacy > detail::kRankTolerance)) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("the seven pairs give dependent equations (pivot ratio {:.2g}, at least {:.0e} is "
-                             "needed): the points lie in a plane, the camera only turned, or two pairs are the "
-                             "same; use a homography, or other points",
-                             answers.determinacy, detail::kRankTolerance),
-                 kWhere};
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("the seven pairs give dependent equations (pivot ratio {:.2g}, at least {:.0e} is "
+                    "needed): the points lie in a plane, the camera only turned, or two pairs are the "
+                    "same; use a homography, or other points",
+                    answers.determinacy, detail::kRankTolerance),
+        kWhere};
   }
   std::vector<Mat3> out;
   for (int i = 0; i < answers.n; ++i) {

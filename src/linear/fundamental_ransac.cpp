@@ -19,7 +19,8 @@ constexpr const char* kWhere = "fundamental_ransac";
 // Sampson distances of many pairs: coordinates apart, so that the loop is one of vectors.
 class SampsonErrors {
  public:
-  explicit SampsonErrors(const detail::PixelPairs& pairs) : xy_(static_cast<Eigen::Index>(pairs.a.size()), 4) {
+  explicit SampsonErrors(const detail::PixelPairs& pairs)
+      : xy_(static_cast<Eigen::Index>(pairs.a.size()), 4) {
     for (std::size_t i = 0; i < pairs.a.size(); ++i) {
       xy_.row(static_cast<Eigen::Index>(i)) << pairs.a[i].v.head<2>().transpose(),
           pairs.b[i].v.head<2>().transpose();

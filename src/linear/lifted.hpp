@@ -56,7 +56,8 @@ double homography_sampson_squared(const Mat3& H, const Lifted& a, const Lifted& 
 
 /// The signs of the products (e2 x b) . (F a), e2 the left null vector, of pairs before both cameras are all
 /// alike (Werner & Pajdla 2001): false when two of these differ.
-bool is_oriented(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> of);
+bool is_oriented(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b,
+                 std::span<const int> of);
 
 /// The left null vector of a matrix of rank 2, of any length.
 inline Vec3 left_null(const Mat3& F) {

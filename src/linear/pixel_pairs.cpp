@@ -44,13 +44,12 @@ std::optional<Error> refuse_pixels(std::span<const Vec2> px1, std::span<const Ve
     }
   }
   for (const auto& px : {px1, px2}) {
-    const bool coincide =
-        std::all_of(px.begin(), px.end(), [&](const Vec2& p) { return p == px.front(); });
+    const bool coincide = std::all_of(px.begin(), px.end(), [&](const Vec2& p) { return p == px.front(); });
     if (coincide) {
-      return Error{ErrorCode::kDegenerate,
-                   fmt::format("all {} pixels of an image are the same; use points that span the image",
-                               px.size()),
-                   where};
+      return Error{
+          ErrorCode::kDegenerate,
+          fmt::format("all {} pixels of an image are the same; use points that span the image", px.size()),
+          where};
     }
   }
   return std::nullopt;

@@ -79,7 +79,9 @@ Result<SE3> pose_linear(std::span<const Vec3> p_world, std::span<const Vec3> ray
   const auto start = solid_start(p_world, rays_cam);
   if (!start) return start.error();
   const detail::RaySighting s{{p_world.begin(), p_world.end()}, {rays_cam.begin(), rays_cam.end()}};
-  return detail::polish(s, *start, 1).T_cam_board;
+  // One is enough for 20 points; of 8, a DLT may be off by several of the pose's sigmas.
+  constexpr int kSteps = 5;
+  return detail::polish(s, *start, kSteps).T_cam_board;
 }
 
 Result<SE3> pose_from_points(const Lens& lens, std::span<const Vec3> p_board, std::span<const Vec2> px) {

@@ -84,7 +84,7 @@ Result<PlanarPoses> pose_planar(std::span<const Vec3> p_board, std::span<const V
   std::array<detail::PoseCandidate, 2> ends;
   const auto starts = infinitesimal_poses(*H);
   // Steps to the second minimum are slow: its residuals are not small.
-  for (int k = 0; k < 2; ++k) ends[k] = detail::polish(s, starts[k] * T_plane_board, 60);
+  for (int k = 0; k < 2; ++k) ends[k] = detail::polish(s, starts[k] * T_plane_board, 60, 1e-12);
   if (ends[1].cost < ends[0].cost) std::swap(ends[0], ends[1]);
   PlanarPoses poses{{ends[0].T_cam_board, rms_angle(ends[0], n)}, std::nullopt};
   const Mat3 R_between = ends[0].T_cam_board.R().transpose() * ends[1].T_cam_board.R();

@@ -47,13 +47,14 @@ std::optional<Vec6> gauss_newton_step(const RaySighting& s, const SE3& T_cam_boa
 
 }  // namespace
 
-PoseCandidate polish(const RaySighting& s, const SE3& start, int max_iterations) {
+PoseCandidate polish(const RaySighting& s, const SE3& start, int max_iterations, double least_gain) {
   PoseCandidate best{start, cost(s, start)};
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     const auto full = gauss_newton_step(s, best.T_cam_board);
     if (!full) break;
     Vec6 step = *full;
     bool better = false;
+    const double before = best.cost;
     for (int halving = 0; halving < 8 && !better; ++halving, step *= 0.5) {
       const SE3 trial = box_plus(best.T_cam_board, step);
       const double trial_cost = cost(s, trial);
@@ -61,7 +62,9 @@ PoseCandidate polish(const RaySighting& s, const SE3& start, int max_iterations)
       better = true;
       best = {trial, trial_cost};
     }
-    if (!better || full->norm() < 1e-14 * (1 + best.T_cam_board.t().norm())) break;
+    if (!better || before - best.cost < least_gain * before ||
+        full->norm() < 1e-14 * (1 + best.T_cam_board.t().norm()))
+      break;
   }
   return best;
 }

@@ -27,8 +27,9 @@ struct PoseCandidate {
   double cost = 0;  ///< sum of squared chords between the unit rays and the unit directions of T p
 };
 
-/// Gauss-Newton with halving on the chords, from `start`.
-PoseCandidate polish(const RaySighting& s, const SE3& start, int max_iterations = 15);
+/// Gauss-Newton with halving on the chords, from `start`; it also ends when a step gains less than
+/// `least_gain` of the cost.
+PoseCandidate polish(const RaySighting& s, const SE3& start, int max_iterations = 15, double least_gain = 0);
 
 /// The best plane of the points: its frame has their centroid as origin and its normal as z.
 SE3 plane_frame(const Spread& spread);

@@ -11,7 +11,6 @@
 
 #include "linear/dlt.hpp"
 #include "linear/row_qr.hpp"
-#include "plumbline/core/linalg.hpp"
 
 namespace plumbline {
 namespace {
@@ -140,9 +139,9 @@ Result<Triangulated> solve(std::span<const Sight> sights, double sigma_px) {
     homogeneous.add(rows.row(0));
     homogeneous.add(rows.row(1));
   }
-  const NullVector4 X = null_vector4(Mat4(homogeneous.R));
+  const detail::UpperNull<4> X = detail::null_of_upper<4>(homogeneous.R);
   Vec3 p = X.v.head<3>() / X.v[3];
-  if (!p.allFinite() || X.singular_values[2] < detail::kRankTolerance * X.singular_values[0]) {
+  if (!p.allFinite() || !(X.determinacy >= detail::kRankTolerance)) {
     return parallel(largest_angle(sights.size(), direction_of), std::nullopt);
   }
   detail::RowQr<4> weighted;
@@ -273,14 +272,13 @@ Result<Vec4> triangulate_linear(std::span<const Mat34> P_px_world, std::span<con
     qr.add(b / length);
   }
   const Vec4 columns = qr.R.colwise().norm().transpose().cwiseMax(1e-300);
-  const NullVector4 X = null_vector4(Mat4(qr.R * columns.cwiseInverse().asDiagonal()));
-  const double ratio = X.singular_values[2] / X.singular_values[0];
-  if (!(ratio >= detail::kRankTolerance)) {
+  const detail::UpperNull<4> X = detail::null_of_upper<4>(qr.R * columns.cwiseInverse().asDiagonal());
+  if (!(X.determinacy >= detail::kRankTolerance)) {
     return degenerate(
         fmt::format("more than one point fits (singular value ratio {:.2g}, at least {:.0e} is needed): the "
                     "views have one centre, or the point is on the line through them; use views that are "
                     "farther apart",
-                    ratio, detail::kRankTolerance));
+                    X.determinacy, detail::kRankTolerance));
   }
   const Vec4 point = X.v.cwiseQuotient(columns).normalized();
   return Vec4(point[3] < 0 ? Vec4(-point) : point);

@@ -19,6 +19,13 @@ void check(std::span<const Vec2> px1, std::span<const Vec2> px2) {
   PLUMBLINE_CHECK(px1.size() == px2.size(), "reconstruct needs as many pixels of each view");
 }
 
+std::optional<Error> refuse_few(std::size_t n, std::size_t needed) {
+  if (n >= needed) return std::nullopt;
+  return Error{ErrorCode::kDegenerate,
+               fmt::format("{} pairs; the relation of the two views needs {}: add pairs", n, needed),
+               "two views"};
+}
+
 // One point per pair by `locate`, which returns Result<Point>; pairs that are not `wanted` stay empty.
 template <class Point, class Wanted, class Locate>
 Result<std::vector<std::optional<Point>>> locate_all(std::size_t n, Wanted&& wanted, Locate&& locate) {
@@ -88,6 +95,7 @@ Result<MetricReconstruction> reconstruct(const KnownRig& known, std::span<const 
 Result<UpToScaleReconstruction> reconstruct(const KnownLenses& known, std::span<const Vec2> px1,
                                             std::span<const Vec2> px2, const TwoViewOptions& options) {
   check(px1, px2);
+  if (const auto few = refuse_few(px1.size(), 6)) return *few;
   const auto found = essential_ransac(known.lens_1, known.lens_2, px1, px2, options.ransac);
   if (!found) return found.error();
   const SE3& T_2_1 = found->model.T_2_1;
@@ -115,6 +123,7 @@ Result<MetricReconstruction> reconstruct(const KnownLensesAndBaseline& known, st
 Result<ProjectiveReconstruction> reconstruct(const NothingKnown&, std::span<const Vec2> px1,
                                              std::span<const Vec2> px2, const TwoViewOptions& options) {
   check(px1, px2);
+  if (const auto few = refuse_few(px1.size(), 8)) return *few;
   const auto found = fundamental_ransac(px1, px2, options.ransac);
   if (!found) return found.error();
   ProjectiveReconstruction result;

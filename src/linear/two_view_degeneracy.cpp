@@ -37,9 +37,11 @@ TwoViewComparison compare_with_homography(const Mat3& F, std::span<const Vec2> p
   PLUMBLINE_CHECK(px1.size() == px2.size() && px1.size() >= 8,
                   "compare_with_homography needs as many pixels in px1 as in px2, 8 or more");
   const detail::PixelPairs pairs(px1, px2);
-  TwoViewComparison out = detail::compare(pairs.normalised(F), pairs.a, pairs.b, pairs.rounding_px(), [&](const Mat3& H, std::span<const int> on) {
-        return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
-      });
+  TwoViewComparison out = detail::compare(pairs.normalised(F), pairs.a, pairs.b, pairs.rounding_px(),
+                                          [&](const Mat3& H, std::span<const int> on) {
+                                            return detail::is_turn(H, pairs.a, pairs.b, on,
+                                                                   pairs.T_common_1(), pairs.T_common_2());
+                                          });
   out.H = pairs.denormalised_homography(out.H);
   return out;
 }

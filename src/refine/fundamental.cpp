@@ -120,30 +120,32 @@ Result<RefinedFundamental> refine_fundamental(const Mat3& start, std::span<const
     return true;
   };
   const Mat3 normalised = b.T.inverse().transpose() * start * a.T.inverse();
-  const auto solution = detail::solve_small<7>(
-      Orthonormal(normalised), evaluate, [](const Orthonormal& s, const Vec7& d) { return s.plus(d); });
-  if (!solution || !solution->converged) {
-    return Error{ErrorCode::kNotConverged,
-                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                             "start from fundamental_ransac()",
-                             px1.size()),
-                 kWhere};
+  const auto solution = detail::solve_small<7>(Orthonormal(normalised), evaluate,
+                                               [](const Orthonormal& s, const Vec7& d) { return s.plus(d); });
+  const auto covariance = solution ? detail::spd_inverse<7>(solution->equations.A) : std::nullopt;
+  if (solution && !covariance) {
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("the {} pairs leave the fundamental matrix undetermined: the scene is a plane or "
+                    "the camera only turned; use a homography, or points at different depths",
+                    px1.size()),
+        kWhere};
   }
-  const auto covariance = detail::spd_inverse<7>(solution->equations.A);
-  if (!covariance) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("the {} pairs leave the fundamental matrix undetermined: the scene is a plane or "
-                             "the camera only turned; use a homography, or points at different depths",
-                             px1.size()),
-                 kWhere};
+  if (!solution || !detail::is_settled(*solution, *covariance)) {
+    return Error{
+        ErrorCode::kNotConverged,
+        fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
+                    "start from fundamental_ransac()",
+                    px1.size()),
+        kWhere};
   }
   const Mat3 F = solution->state.F(), M = b.T.transpose() * F * a.T;
   const Mat97 J = solution->state.derivative();
   RefinedFundamental out;
   out.F = M / M.norm();
   out.covariance = denormalised_covariance(J * *covariance * J.transpose(), M, a.T, b.T);
-  out.rms_px =
-      sigma_px * std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
+  out.rms_px = sigma_px *
+               std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
   out.iterations = solution->iterations;
   return out;
 }

@@ -86,23 +86,24 @@ Result<RefinedRelativePose> refine_relative_pose(const SE3& start_T_2_1, const L
     }
     return true;
   };
-  const auto solution =
-      detail::solve_small<5>(State{start_T_2_1.R(), start_T_2_1.t() / baseline}, evaluate,
-                             [](const State& s, const Vec5& d) { return s.plus(d); });
-  if (!solution || !solution->converged) {
-    return Error{ErrorCode::kNotConverged,
-                 fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                             "start from essential_ransac()",
-                             px1.size()),
-                 kWhere};
+  const auto solution = detail::solve_small<5>(State{start_T_2_1.R(), start_T_2_1.t() / baseline}, evaluate,
+                                               [](const State& s, const Vec5& d) { return s.plus(d); });
+  const auto covariance = solution ? detail::spd_inverse<5>(solution->equations.A) : std::nullopt;
+  if (solution && !covariance) {
+    return Error{
+        ErrorCode::kDegenerate,
+        fmt::format("the {} pairs leave the relative pose undetermined: the camera only turned; move "
+                    "the camera between the views",
+                    px1.size()),
+        kWhere};
   }
-  const auto covariance = detail::spd_inverse<5>(solution->equations.A);
-  if (!covariance) {
-    return Error{ErrorCode::kDegenerate,
-                 fmt::format("the {} pairs leave the relative pose undetermined: the camera only turned; move "
-                             "the camera between the views",
-                             px1.size()),
-                 kWhere};
+  if (!solution || !detail::is_settled(*solution, *covariance)) {
+    return Error{
+        ErrorCode::kNotConverged,
+        fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
+                    "start from essential_ransac()",
+                    px1.size()),
+        kWhere};
   }
   Eigen::Matrix<double, 6, 5> J = Eigen::Matrix<double, 6, 5>::Zero();
   J.topLeftCorner<3, 3>().setIdentity();
@@ -110,8 +111,8 @@ Result<RefinedRelativePose> refine_relative_pose(const SE3& start_T_2_1, const L
   RefinedRelativePose out;
   out.T_2_1 = SE3(solution->state.R, solution->state.t);
   out.covariance = J * *covariance * J.transpose();
-  out.rms_px =
-      sigma_px * std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
+  out.rms_px = sigma_px *
+               std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
   out.iterations = solution->iterations;
   return out;
 }

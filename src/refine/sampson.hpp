@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "plumbline/core/types.hpp"
+#include "refine/small_solve.hpp"
 
 /// The Sampson distance of a pair of 3-vectors and its derivative along the entries of a matrix. Private to
 /// the module.
@@ -30,8 +31,18 @@ inline SampsonTerm sampson_term(const Mat3& M, const MovingVector& a, const Movi
   const double inverse = 1 / std::sqrt(slope2);
   out.value = c * inverse;
   const Vec3 along_1 = a.J_v_px * slope_1, along_2 = b.J_v_px * slope_2;
-  out.d_M = inverse * (b.v * a.v.transpose()) - (out.value / slope2) * (b.v * along_1.transpose() + along_2 * a.v.transpose());
+  out.d_M = inverse * (b.v * a.v.transpose()) -
+            (out.value / slope2) * (b.v * along_1.transpose() + along_2 * a.v.transpose());
   return out;
+}
+
+/// Whether a solution is as good as at its minimum: converged, or so slow (the residual of a pair near an
+/// epipole bends) that Gauss-Newton's next step would be below 1e-3 standard deviations.
+template <int N, class State>
+bool is_settled(const SmallSolution<N, State>& solution, const Eigen::Matrix<double, N, N>& covariance) {
+  constexpr double kStep = 1e-3;
+  const auto& g = solution.equations.g;
+  return solution.converged || g.dot(covariance * g) < kStep * kStep;
 }
 
 }  // namespace plumbline::detail

@@ -37,19 +37,6 @@ TEST(Svd3, ComposesBackAndIsOrdered) {
   }
 }
 
-TEST(NullVector4, AgreesWithTheGeneralOne) {
-  Rng rng(11);
-  for (int i = 0; i < 100; ++i) {
-    Mat4 A = random_matrix(rng, 4, 4);
-    if (i % 2 == 0) A.col(1) = A.col(3);
-    const NullVector general = null_vector(MatX(A));
-    const NullVector4 fixed = null_vector4(A);
-    EXPECT_LT((fixed.singular_values - general.singular_values).norm(), 1e-13);
-    EXPECT_NEAR(std::abs(fixed.v.dot(Vec4(general.v))), 1, 1e-9);
-  }
-  EXPECT_THROW(null_vector4(Mat4::Constant(std::nan(""))), std::invalid_argument);
-}
-
 TEST(NullVector, FindsThePlantedNullSpace) {
   Rng rng(2);
   for (int rows : {11, 12, 60}) {

@@ -127,7 +127,8 @@ TEST(Epipolar, E33IsZeroWhenTheOpticalAxesMeet) {
     const Mat3 to_aim = Eigen::Quaterniond::FromTwoVectors(aim, Vec3::UnitZ()).toRotationMatrix();
     const Mat3 R = so3_exp(Vec3(0, 0, rng.uniform(-3, 3))) * to_aim;
     EXPECT_NEAR(essential_from_pose(SE3(R, -R * centre))(2, 2), 0, 1e-12);
-    const Mat3 off = so3_exp(Vec3(0.1, 0, 0)) * R;  // looks past the axis, unless it turned within the plane of both
+    const Mat3 off =
+        so3_exp(Vec3(0.1, 0, 0)) * R;  // looks past the axis, unless it turned within the plane of both
     const double miss = std::abs((off.transpose() * Vec3::UnitZ()).dot(Vec3::UnitZ().cross(centre)));
     EXPECT_NEAR(std::abs(essential_from_pose(SE3(off, -off * centre))(2, 2)), miss, 1e-12);
   }

@@ -102,7 +102,8 @@ TEST(Essential5Point, HasOpenCvsAnswers) {
     for (int r = 0; r + 2 < M.rows; r += 3) {
       ++theirs;
       double nearest = 2;
-      for (const Mat3& e : *E) nearest = std::min(nearest, projective_distance(e, from_cv(M.rowRange(r, r + 3))));
+      for (const Mat3& e : *E)
+        nearest = std::min(nearest, projective_distance(e, from_cv(M.rowRange(r, r + 3))));
       found += nearest < 1e-4;
     }
   }
@@ -142,7 +143,8 @@ TEST(Essential5Point, RefusesTurnsAndBadInput) {
   EXPECT_EQ(essential_5point(s.a, s.b).error().code, ErrorCode::kDegenerate);
   s.a[1].x() = NAN;
   EXPECT_EQ(essential_5point(s.a, s.b).error().code, ErrorCode::kInvalidData);
-  EXPECT_THROW((void)essential_5point(std::span(s.a).first(4), std::span(s.b).first(4)), std::invalid_argument);
+  EXPECT_THROW((void)essential_5point(std::span(s.a).first(4), std::span(s.b).first(4)),
+               std::invalid_argument);
 }
 
 TEST(Essential8Point, ExactWithoutNoise) {

@@ -50,8 +50,7 @@ TEST(FundamentalRansac, FindsFAmongOutliers) {
     for (std::size_t k = 0; k < 120; ++k) kept += F->consensus.inlier[k];
     EXPECT_GE(kept, 105);
     for (std::size_t k = 0; k < s.px1.size(); ++k) {
-      EXPECT_EQ(F->consensus.inlier[k],
-                sampson_distance(F->model, s.px1[k], s.px2[k]) <= options.inlier_px);
+      EXPECT_EQ(F->consensus.inlier[k], sampson_distance(F->model, s.px1[k], s.px2[k]) <= options.inlier_px);
     }
   }
   EXPECT_LE(wrong, 2);

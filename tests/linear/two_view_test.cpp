@@ -189,6 +189,11 @@ TEST(TwoView, RefusesByName) {
   EXPECT_EQ(reconstruct(NothingKnown{}, flat_1, flat_2, {}).error().code, ErrorCode::kDegenerate);
   EXPECT_EQ(reconstruct(KnownLenses{s.lens_1, s.lens_2}, s.px1, turned, {}).error().code,
             ErrorCode::kDegenerate);
+  const auto few = [&](const TwoViewKnowledge& known, std::size_t n) {
+    return reconstruct(known, std::span(s.px1).first(n), std::span(s.px2).first(n), {}).error().message;
+  };
+  EXPECT_THAT(few(NothingKnown{}, 7), HasSubstr("7 pairs; the relation of the two views needs 8"));
+  EXPECT_THAT(few(KnownLenses{s.lens_1, s.lens_2}, 5), HasSubstr("needs 6"));
   EXPECT_THROW((void)reconstruct(rig, s.px1, {}, {}), std::invalid_argument);
   EXPECT_THROW((void)reconstruct(KnownLensesAndBaseline{s.lens_1, s.lens_2, 0}, s.px1, s.px2, {}),
                std::invalid_argument);

@@ -40,8 +40,7 @@ inline TwoViews two_views(Rng& rng, int n, Scene scene = Scene::kDeep, double si
     const double x = rng.uniform(0, kImage.width - 1);
     const Vec2 px(x, rng.uniform(0, kImage.height - 1));
     const Vec3 ray = s.K1.inverse() * px.homogeneous();
-    const double depth =
-        scene == Scene::kPlane ? normal.dot(middle) / normal.dot(ray) : rng.uniform(3, 9);
+    const double depth = scene == Scene::kPlane ? normal.dot(middle) / normal.dot(ray) : rng.uniform(3, 9);
     const Vec3 q = s.T_2_1 * (depth * ray);
     if (!(depth > 1 && depth < 30 && q.z() > 1)) continue;
     const Vec2 other = pinhole(s.K2, q);
@@ -68,8 +67,7 @@ inline void add_outliers(Rng& rng, int n, TwoViews& s) {
 inline double epipolar_rms(const Mat3& F, const TwoViews& truth) {
   double sum = 0;
   for (const Vec3& p : truth.p_1) {
-    const double d =
-        symmetric_epipolar_distance(F, pinhole(truth.K1, p), pinhole(truth.K2, truth.T_2_1 * p));
+    const double d = symmetric_epipolar_distance(F, pinhole(truth.K1, p), pinhole(truth.K2, truth.T_2_1 * p));
     sum += d * d;
   }
   return std::sqrt(sum / static_cast<double>(truth.p_1.size()));

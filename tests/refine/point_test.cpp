@@ -150,6 +150,33 @@ TEST(RefinePoint, ReachesCeresOptimumAndCovariance) {
   }
 }
 
+// Two pinholes: the minimum has a closed form, by another road. The linear points are within twice its error.
+TEST(RefinePoint, IsThePointOfHartleyAndSturm) {
+  Rng rng(4);
+  const Lens lens = lens_of("pinhole", {800, 810, 640, 480});
+  const Mat3 K = camera_matrix_k(lens);
+  double refined_2 = 0, linear_2 = 0, midpoint_2 = 0, rays_2 = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const SE3 T_2_1(so3_exp(0.2 * random_direction(rng)), Vec3(-0.6, 0.1, rng.uniform(-0.3, 0.3)));
+    const Vec3 p = rng.uniform(1.5, 4) * Vec3(rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), 1);
+    const std::vector<PosedLens> two{{lens, SE3()}, {lens, T_2_1}};
+    const std::vector<Mat34> P{K * SE3().matrix34(), K * T_2_1.matrix34()};
+    const auto px = noisy({*project(lens, p), *project(lens, T_2_1 * p)}, rng, 0.5);
+    const Vec3 refined = refine_point(p, two, px, 0.5)->p_world;
+    const Vec3 optimal = triangulate_optimal(P[0], P[1], px[0], px[1])->hnormalized();
+    EXPECT_LT((refined - optimal).norm(), 1e-6 * p.norm()) << "problem " << i;
+    const std::vector<WorldRay> rays{{Vec3::Zero(), *unproject(lens, px[0])},
+                                     {T_2_1.centre(), T_2_1.R().transpose() * *unproject(lens, px[1])}};
+    refined_2 += (refined - p).squaredNorm();
+    rays_2 += (triangulate(two, px, 0.5)->p_world - p).squaredNorm();
+    linear_2 += (triangulate_linear(P, px)->hnormalized() - p).squaredNorm();
+    midpoint_2 += (triangulate_midpoint(rays).value() - p).squaredNorm();
+  }
+  EXPECT_LT(rays_2, 1.01 * refined_2);
+  EXPECT_LT(linear_2, 4 * refined_2);
+  EXPECT_LT(midpoint_2, 4 * refined_2);
+}
+
 TEST(RefinePoint, RefusesByName) {
   const Lens lens = lens_of("pinhole", {800, 810, 640, 480});
   const SE3 left, right(Mat3::Identity(), Vec3(-0.1, 0, 0));

@@ -24,13 +24,6 @@ struct NullVector {
 };
 NullVector null_vector(const MatX& A);
 
-/// null_vector() of a 4x4 matrix, without allocation.
-struct NullVector4 {
-  Vec4 v;
-  Vec4 singular_values;  ///< descending
-};
-NullVector4 null_vector4(const Mat4& A);
-
 /// Eigenvalues ascending with their unit eigenvectors as columns, of a symmetric A (lower triangle is read).
 struct SymEigen {
   VecX values;

@@ -29,10 +29,10 @@ Result<SE3> pose_from_homography(const Mat3& H_ray_board);
 Result<SE3> pose_from_points(const Lens& lens, std::span<const Vec3> p_board, std::span<const Vec2> px);
 
 /// Pose T_cam_world from n >= 6 points that are not coplanar and their unit rays, any z: the camera matrix
-/// onto the rays by DLT (camera_matrix_to_rays()), the rotation nearest to its left block, and one step of
-/// the ray equations linearised there, which takes the error of a DLT to that of the best estimate to first
-/// order (one-step estimator, Le Cam). Unequal numbers throw std::invalid_argument. \returns kDegenerate:
-/// fewer than 6 points, coplanar points (or all but one), rays in one plane, points and
+/// onto the rays by DLT (camera_matrix_to_rays()), the rotation nearest to its left block, and at most five
+/// steps of the ray equations linearised there, which take the error of a DLT to that of the best estimate
+/// (one step does to first order: Le Cam's one-step estimator). Unequal numbers throw std::invalid_argument.
+/// \returns kDegenerate: fewer than 6 points, coplanar points (or all but one), rays in one plane, points and
 ///          camera on a twisted cubic, rays of a mirror image of the points; kInvalidData for NaN
 Result<SE3> pose_linear(std::span<const Vec3> p_world, std::span<const Vec3> rays_cam);
 
@@ -60,9 +60,10 @@ Result<PlanarPoses> pose_planar(std::span<const Vec3> p_board, std::span<const V
 /// where most points agree, refitted to the pixels of those (see RansacOptions). A correspondence is an
 /// inlier when the lens projects its point to within options.inlier_px of its pixel; a point that does not
 /// project, a pixel that has no ray, and a NaN are outliers. refine_pose() of refine/pose.hpp on the inliers
-/// gives the covariance. \param p_world  n points [m] \param px  n pixels; unequal numbers throw
-/// std::invalid_argument \returns kDegenerate: fewer than 4 usable points, points on a line, inliers that are
-/// fewer than 4 or on a
+/// gives the covariance.
+/// \param p_world  n points [m]
+/// \param px  n pixels; unequal numbers throw std::invalid_argument
+/// \returns kDegenerate: fewer than 4 usable points, points on a line, inliers that are fewer than 4 or on a
 ///          line, or so few that chance alone would find a pose with as many
 Result<Found<SE3>> pose_ransac(const Lens& lens, std::span<const Vec3> p_world, std::span<const Vec2> px,
                                const RansacOptions& options);

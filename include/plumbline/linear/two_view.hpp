@@ -73,7 +73,8 @@ struct TwoViewOptions {
 /// - KnownLenses: the relative pose by essential_ransac(), then the points.
 /// - KnownLensesAndBaseline: the same, times the baseline.
 /// - NothingKnown: F by fundamental_ransac(), then triangulate_optimal() with its canonical cameras.
-/// \returns the failures of those; kDegenerate when not one pair gives a point, with the first pair's reason
+/// \returns the failures of those; kDegenerate for fewer than 6 pairs (8 when nothing is known), and when not
+///          one pair gives a point, with the first pair's reason
 Result<MetricReconstruction> reconstruct(const KnownRig& known, std::span<const Vec2> px1,
                                          std::span<const Vec2> px2, const TwoViewOptions& options);
 Result<MetricReconstruction> reconstruct(const KnownLensesAndBaseline& known, std::span<const Vec2> px1,

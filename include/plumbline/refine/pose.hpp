@@ -21,11 +21,12 @@ struct RefinedPose {
 /// The pose T_cam_world that minimises the reprojection error  sum |lens(T p_i) - px_i|^2  by
 /// Levenberg-Marquardt, any lens, lens held fixed: the maximum-likelihood pose under equal, independent,
 /// normal noise of the pixel coordinates, with its covariance to first order (J'J)^-1 sigma_px^2 (Hartley &
-/// Zisserman 2004, result 5.9). Outliers are not looked for: give it the inliers of pose_ransac(). \param
-/// start  near the answer, as pose_from_points(), pose_planar() or pose_ransac() give it \param p_world  n >=
-/// 3 points, not on a line [unit of the world] \param px  n pixels; unequal numbers throw
-/// std::invalid_argument \param sigma_px  standard deviation of each pixel coordinate, > 0 [px] \returns
-/// kDegenerate: fewer than three points, or points that do not determine the pose (on a line, or the
+/// Zisserman 2004, result 5.9). Outliers are not looked for: give it the inliers of pose_ransac().
+/// \param start  near the answer, as pose_from_points(), pose_planar() or pose_ransac() give it
+/// \param p_world  n >= 3 points, not on a line [unit of the world]
+/// \param px  n pixels; unequal numbers throw std::invalid_argument
+/// \param sigma_px  standard deviation of each pixel coordinate, > 0 [px]
+/// \returns kDegenerate: fewer than three points, or points that do not determine the pose (on a line, or the
 ///          camera on the danger cylinder of three); kInvalidData: a point that the lens does not see from
 ///          `start`, or a NaN; kNotConverged after 100 steps
 Result<RefinedPose> refine_pose(const SE3& start, const Lens& lens, std::span<const Vec3> p_world,
