@@ -249,10 +249,19 @@ TEST_F(GeometryViews, EssentialIsTheMotion) {
     const Mat3 E = skew(vec3_of(e["t"])) * mat3_of(e["R"]);
     EXPECT_LT((mat3_of(e["E"]) - E).norm(), 1e-12);
   }
-  // Two cameras, by two files.
-  const std::string other = write("cam2.yaml", world.camera_yaml("second"));
-  const Json e = answer("essential --points " + matches + " --camera " + camera + " --camera " + other);
-  EXPECT_LT((mat3_of(e["R"]) - world.R_2_1()).norm(), 10 * kExact);
+  // Two cameras that differ, by two files, in the order of the views.
+  World other = world;
+  other.K(0, 0) = other.K(1, 1) = 450;
+  other.distortion = cv::Mat::zeros(1, 5, CV_64F);
+  cv::projectPoints(other.points, other.rvec_2, other.tvec_2, other.K, other.distortion, other.px2);
+  const std::string second = write("cam2.yaml", other.camera_yaml("second"));
+  const std::string rows = write("two.csv", other.matches_csv());
+  for (const std::string more : {"", " --ransac --inlier-px 0.5"}) {
+    const Json e =
+        answer("essential --points " + rows + " --camera " + camera + " --camera " + second + more);
+    EXPECT_LT((mat3_of(e["R"]) - world.R_2_1()).norm(), 10 * kExact);
+    EXPECT_LT((vec3_of(e["t"]) - world.t_2_1().normalized()).norm(), 10 * kExact);
+  }
   expect_failed("essential --points " + matches, "--camera", 2);
   expect_failed("essential --points " + write("few.csv", "u1,v1,u2,v2\n1,2,3,4\n") + " --camera " + camera,
                 "kDegenerate");
