@@ -30,8 +30,8 @@ struct Scene {
   std::vector<Vec2> px;
 };
 
-// n cameras on a baseline of 1.5 m that look at a point 2 to 6 m away; with a wide lens the point may be to the
-// side of a camera. Somewhere in the world.
+// n cameras on a baseline of 1.5 m that look at a point 2 to 6 m away; with a wide lens the point may be to
+// the side of a camera. Somewhere in the world.
 Scene random_scene(Rng& rng, int n, bool wide, double sigma_px = 0) {
   Scene s;
   const SE3 T_any_world(random_rotation(rng), random_vec3(rng, -3, 3));
