@@ -16,7 +16,8 @@ constexpr std::array kCommands{
     Command{"convert", "camera files from and to other software's formats", add_convert},
     Command{"compare", "projection difference of two calibrations over the image", add_compare},
     Command{"simulate", "images and corners of a board with known truth", add_simulate},
-    Command{"list", "lenses, formats and targets that there are", add_list},
+    Command{"geometry", "poses, points and the relations of views, from lists of points", add_geometry},
+    Command{"list", "lenses, formats, targets, commands and verbs that there are", add_list},
 };
 
 }  // namespace

@@ -36,6 +36,7 @@ void add_undistort(CLI::App& app, const Common& common, int& exit_code);
 void add_convert(CLI::App& app, const Common& common, int& exit_code);
 void add_compare(CLI::App& app, const Common& common, int& exit_code);
 void add_simulate(CLI::App& app, const Common& common, int& exit_code);
+void add_geometry(CLI::App& app, const Common& common, int& exit_code);
 void add_list(CLI::App& app, const Common& common, int& exit_code);
 
 }  // namespace plumbline::apps

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include "args.hpp"
+#include "geometry.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/formats.hpp"
 #include "plumbline/lens/lens.hpp"
@@ -42,6 +43,10 @@ Table table_of(const std::string& what) {
     table.heads = {"type", "what it is"};
     for (const TargetType& t : target_types())
       table.rows.push_back({std::string(t.type), std::string(t.summary)});
+  } else if (what == "geometry") {
+    table.heads = {"verb", "what it does"};
+    for (const GeometryVerb& v : geometry_verbs())
+      table.rows.push_back({std::string(v.name), std::string(v.summary)});
   } else {
     table.heads = {"command", "what it does"};
     for (const Command& c : commands()) table.rows.push_back({std::string(c.name), std::string(c.summary)});
@@ -88,9 +93,9 @@ void add_list(CLI::App& app, const Common& common, int& exit_code) {
     bool markdown = false;
   };
   auto o = std::make_shared<Options>();
-  app.add_option("what", o->what, "lenses, formats, targets or commands")
+  app.add_option("what", o->what, "lenses, formats, targets, commands or geometry (its verbs)")
       ->required()
-      ->check(CLI::IsMember({"lenses", "formats", "targets", "commands"}));
+      ->check(CLI::IsMember({"lenses", "formats", "targets", "commands", "geometry"}));
   app.add_flag("--markdown", o->markdown, "as a Markdown table");
   on_run(app, exit_code, [o, &common]() -> Result<int> {
     const Table table = table_of(o->what);

@@ -4,23 +4,31 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <exception>
 #include <new>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "commands.hpp"
+#include "geometry.hpp"
 
 namespace plumbline::apps {
 
 namespace {
-// The first word, where it should be a command and is none: CLI11 only says that a subcommand is missing.
-std::optional<std::string> unknown_command(int argc, char** argv) {
+// The word that should be a command, or a verb of geometry, and is none: CLI11 only says that a subcommand is
+// missing.
+std::optional<std::string> unknown_word(int argc, char** argv) {
+  const auto named = [](const auto& table, std::string_view name) {
+    return std::any_of(table.begin(), table.end(), [&](const auto& entry) { return entry.name == name; });
+  };
   if (argc < 2 || argv[1][0] == '-') return std::nullopt;
-  for (const Command& command : commands()) {
-    if (command.name == argv[1]) return std::nullopt;
-  }
-  return argv[1];
+  const std::string_view first = argv[1];
+  if (!named(commands(), first)) return fmt::format("command '{}'", first);
+  if (first != "geometry" || argc < 3 || argv[2][0] == '-' || named(geometry_verbs(), argv[2]))
+    return std::nullopt;
+  return fmt::format("verb '{}' of geometry", argv[2]);
 }
 }  // namespace
 
@@ -50,8 +58,8 @@ int run_program(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    if (const auto word = unknown_command(argc, argv)) {
-      fmt::print(stderr, "plumbline: there is no command '{}'. Run with --help for the list.\n", *word);
+    if (const auto word = unknown_word(argc, argv)) {
+      fmt::print(stderr, "plumbline: there is no {}. Run with --help for the list.\n", *word);
     } else {
       fmt::print(stderr, "plumbline: {}\nRun with --help for more.\n", error.what());
     }

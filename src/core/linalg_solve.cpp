@@ -3,11 +3,21 @@
 #include "plumbline/core/linalg.hpp"
 
 namespace plumbline {
+namespace {
+
+template <int N>
+SymEigen sym_eigen_of(const MatX& A) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> solver(A);
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+
+}  // namespace
 
 SymEigen sym_eigen(const MatX& A) {
   PLUMBLINE_CHECK(A.rows() == A.cols() && A.allFinite(), "sym_eigen needs a finite square matrix");
-  const Eigen::SelfAdjointEigenSolver<MatX> solver(A);
-  return {solver.eigenvalues(), solver.eigenvectors()};
+  if (A.rows() == 2) return sym_eigen_of<2>(A);
+  if (A.rows() == 3) return sym_eigen_of<3>(A);
+  return sym_eigen_of<Eigen::Dynamic>(A);
 }
 
 std::optional<MatX> solve_spd(const MatX& A, const MatX& b) {

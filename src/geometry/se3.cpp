@@ -105,6 +105,17 @@ Mat6 se3_left_jacobian(const Vec6& xi) {
 
 Mat6 se3_right_jacobian(const Vec6& xi) { return se3_left_jacobian(-xi); }
 
+Mat6 se3_left_jacobian_inverse(const Vec6& xi) {
+  const Vec3 w = xi.head<3>(), v = xi.tail<3>();
+  const Mat3 J = so3_left_jacobian_inverse(w);
+  Mat6 inverse = Mat6::Zero();
+  inverse.topLeftCorner<3, 3>() = inverse.bottomRightCorner<3, 3>() = J;
+  inverse.bottomLeftCorner<3, 3>() = -J * left_jacobian_q(w, v) * J;
+  return inverse;
+}
+
+Mat6 se3_right_jacobian_inverse(const Vec6& xi) { return se3_left_jacobian_inverse(-xi); }
+
 SE3 box_plus(const SE3& T, const Vec6& d) {
   const Vec3 w = d.head<3>();
   const double angle = w.norm(), half = 0.5 * angle;

@@ -14,9 +14,10 @@ namespace plumbline::io {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::array<std::string_view, 10> kNames{
-    "calibration.yaml", "corners.yaml",   "truth.yaml",    "rectification.yaml", "undistorted.yaml",
-    "intrinsics.yml",   "extrinsics.yml", "camchain.yaml", "cameras.txt",        "report.html"};
+constexpr std::array<std::string_view, 12> kNames{"calibration.yaml",   "corners.yaml",     "truth.yaml",
+                                                  "rectification.yaml", "undistorted.yaml", "intrinsics.yml",
+                                                  "extrinsics.yml",     "camchain.yaml",    "cameras.txt",
+                                                  "images.txt",         "points3D.txt",     "report.html"};
 
 /// Everything in a folder by name, so that the answer does not depend on the file system; nullopt when it
 /// cannot be read.

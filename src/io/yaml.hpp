@@ -72,6 +72,7 @@ class Field {
   void only(std::initializer_list<std::string_view> known) const;
   [[noreturn]] void fail(const std::string& message, ErrorCode code = ErrorCode::kParse) const;
   std::string path() const;  ///< "cameras[0].lens"
+  int line() const { return node_->line; }
 
  private:
   void collect(std::vector<double>& out) const;

@@ -36,6 +36,35 @@ std::optional<Error> refuse_plane(const detail::Spread& s, Eigen::Index n) {
   return std::nullopt;
 }
 
+// Root mean square distance of the pixels from the images by P, each weighed by its depth: the algebraic
+// error in normalised pixels.
+double weighted_error(const MatX& P, const MatX& X, const MatX& x) {
+  double error = 0, weight = 0;
+  for (Eigen::Index i = 0; i < X.cols(); ++i) {
+    const Vec3 image = P * X.col(i);
+    error += (image.head<2>() - image.z() * x.col(i).head<2>()).squaredNorm();
+    weight += image.z() * image.z();
+  }
+  return std::sqrt(error / weight);
+}
+
+// On a twisted cubic through the camera (and in other critical places) a second camera matrix fits, exactly
+// without noise and as well as the noise allows with it. The residuals of P tell the noise, from eight points
+// on when they have five degrees of freedom to tell it by.
+std::optional<Error> refuse_twin(const detail::DltSolution& solution, const MatX& X, const MatX& x) {
+  constexpr double kTwin = 3;
+  const double n = static_cast<double>(X.cols());
+  if (n < 8) return std::nullopt;
+  const double noise = weighted_error(solution.H, X, x) * std::sqrt(2 * n / (2 * n - 11));
+  const double twin = weighted_error(solution.next, X, x);
+  if (!(twin < kTwin * noise)) return std::nullopt;
+  return degenerate(fmt::format(
+      "more than one camera matrix fits within the noise (a second one leaves {:.2g} times the "
+      "error of the best, at least {:g} is needed): the points lie on a twisted cubic through the "
+      "camera or near another critical surface, or many do not correspond; add points elsewhere",
+      twin / noise, kTwin));
+}
+
 std::optional<Error> refuse_solution(const detail::DltSolution& solution) {
   if (solution.determinacy < detail::kRankTolerance) {
     return degenerate(
@@ -76,9 +105,10 @@ Result<Mat34> camera_matrix(std::span<const Vec3> p_world, std::span<const Vec2>
   }
   const Mat4 TX = detail::normalising_similarity(sX);
   const Mat3 Tx = detail::normalising_similarity(sx);
-  const detail::DltSolution solution = detail::solve_dlt(
-      detail::to_homogeneous(TX, X), detail::pixel_constraints(detail::to_homogeneous(Tx, x)));
+  const MatX Xh = detail::to_homogeneous(TX, X), xh = detail::to_homogeneous(Tx, x);
+  const detail::DltSolution solution = detail::solve_dlt(Xh, detail::pixel_constraints(xh));
   if (const auto e = refuse_solution(solution)) return *e;
+  if (const auto e = refuse_twin(solution, Xh, xh)) return *e;
   Mat34 P = Tx.inverse() * Mat34(solution.H) * TX;
   P /= P.row(2).head<3>().norm();
   double depth = 0;

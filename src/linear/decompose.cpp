@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "linear/decompose.hpp"
 #include "plumbline/core/linalg.hpp"
-#include "plumbline/linear/camera_matrix.hpp"
 
 namespace plumbline {
 namespace {
@@ -58,7 +58,9 @@ Result<Rq> rq_decompose(const Mat3& M) {
   return rq;
 }
 
-Result<CameraMatrixParts> decompose_camera_matrix(const Mat34& P) {
+namespace detail {
+
+Result<Mat34> with_positive_determinant(const Mat34& P) {
   const Mat3 M = P.leftCols<3>();
   const double volume = P.allFinite() ? row_volume(M) : 0.0;
   if (volume < kMinVolume || M.row(2).norm() < 1e-14 * M.norm()) {
@@ -70,19 +72,28 @@ Result<CameraMatrixParts> decompose_camera_matrix(const Mat34& P) {
             volume, kMinVolume),
         "camera matrix"};
   }
-  // K R has det > 0, which settles the sign of P.
-  const Mat34 Q = M.determinant() < 0 ? Mat34(-P) : P;
-  const auto rq = rq_decompose(Q.leftCols<3>());
-  if (!rq) return rq.error();
-  const Mat3& U = rq->upper;
+  return M.determinant() < 0 ? Mat34(-P) : P;
+}
+
+CameraMatrixParts parts_of(const Mat34& P, const Mat3& U, const Mat3& R) {
   CameraMatrixParts parts;
   parts.K = U / U(2, 2);
-  parts.R = rq->orthogonal;
-  parts.t.z() = Q(2, 3) / U(2, 2);  // back substitution in U t = p4
-  parts.t.y() = (Q(1, 3) - U(1, 2) * parts.t.z()) / U(1, 1);
-  parts.t.x() = (Q(0, 3) - U(0, 1) * parts.t.y() - U(0, 2) * parts.t.z()) / U(0, 0);
+  parts.R = R;
+  parts.t.z() = P(2, 3) / U(2, 2);  // back substitution in U t = p4
+  parts.t.y() = (P(1, 3) - U(1, 2) * parts.t.z()) / U(1, 1);
+  parts.t.x() = (P(0, 3) - U(0, 1) * parts.t.y() - U(0, 2) * parts.t.z()) / U(0, 0);
   parts.centre = camera_centre(P).hnormalized();
   return parts;
+}
+
+}  // namespace detail
+
+Result<CameraMatrixParts> decompose_camera_matrix(const Mat34& P) {
+  const auto Q = detail::with_positive_determinant(P);
+  if (!Q) return Q.error();
+  const auto rq = rq_decompose(Q->leftCols<3>());
+  if (!rq) return rq.error();
+  return detail::parts_of(*Q, rq->upper, rq->orthogonal);
 }
 
 Vec4 camera_centre(const Mat34& P) {

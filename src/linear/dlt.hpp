@@ -55,8 +55,10 @@ std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous);
 /// or 4.
 struct DltSolution {
   MatX H;
-  /// The last but one singular value over the largest, zero when more than one H fits; above 1e-4 within a
-  /// factor 4 below.
+  /// The unit matrix across H that comes next, to some per cent of its least sum.
+  MatX next;
+  /// Singular value of `next` over the largest, zero when more than one H fits; above 1e-4 up to a factor 4
+  /// below.
   double determinacy;
 };
 DltSolution solve_dlt(const MatX& a, std::span<const Mat23> E);

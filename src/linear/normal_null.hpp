@@ -36,8 +36,9 @@ Eigen::Matrix<double, N, 1> factor_solve(const Eigen::Matrix<double, N, N>& L,
 
 template <int N>
 struct NormalNull {
-  Eigen::Matrix<double, N, 1> v;  ///< the unit vector that minimises |A v|
-  double determinacy;  ///< last but one singular value of A over the largest, within a factor sqrt(N) below
+  Eigen::Matrix<double, N, 1> v;     ///< the unit vector that minimises |A v|
+  Eigen::Matrix<double, N, 1> next;  ///< nearly the one across v that does: within some per cent of the least
+  double determinacy;                ///< |A next| over the square root of the trace of A'A
 };
 
 /// From G = A'A, and gradient(v) = A'(A v) computed from A itself. G alone would cost half of the digits; one
@@ -49,8 +50,8 @@ std::optional<NormalNull<N>> null_of_normal(const Eigen::Matrix<double, N, N>& G
   using Vector = Eigen::Matrix<double, N, 1>;
   using Matrix = Eigen::Matrix<double, N, N>;
   constexpr double kShift = 1e-15;  // of the trace: keeps the last pivot positive, far below sigma_{N-1}^2
-  constexpr double kSmallestGap = 1e-8;  // (1e-4)^2: two corrections' worth of digits in double precision
-  constexpr int kMaxIterations = 12;
+  constexpr double kSmallestGap = 1e-8;  // (1e-4)^2: one correction leaves the square of 1e-16 / 1e-8
+  constexpr int kMaxIterations = 12, kNextIterations = 6;
   const double trace = G.trace();
   const auto L = cholesky_factor<N>(G + N * kShift * trace * Matrix::Identity());
   if (!L) return std::nullopt;
@@ -64,16 +65,19 @@ std::optional<NormalNull<N>> null_of_normal(const Eigen::Matrix<double, N, N>& G
     v = next;
     settled = moved < 1e-20 ? settled + 1 : 0;
   }
-  // The trace of the inverse across v bounds the next eigenvalue from below, and by a factor N from above.
-  Matrix inverse;
+  Matrix inverse;  // across v
   for (int i = 0; i < N; ++i) {
     const Vector x = factor_solve<N>(*L, Vector::Unit(i) - v[i] * v);
     inverse.col(i) = x - v.dot(x) * v;
   }
-  const double gap = 1 / (inverse.trace() * trace);
-  if (!(gap > kSmallestGap)) return std::nullopt;
+  // Its trace bounds the eigenvalue after v's from below, its largest eigenvector is the one wanted.
+  if (!(1 / inverse.trace() > kSmallestGap * trace)) return std::nullopt;
+  Eigen::Index largest = 0;
+  inverse.diagonal().maxCoeff(&largest);
+  Vector next = inverse.col(largest).normalized();
+  for (int k = 0; k < kNextIterations; ++k) next = (inverse * next).normalized();
   v = (v - inverse * gradient(v)).normalized();
-  return NormalNull<N>{v, std::sqrt(gap)};
+  return NormalNull<N>{v, next, std::sqrt(next.dot(G * next) / trace)};
 }
 
 }  // namespace plumbline::detail

@@ -5,14 +5,13 @@
 #include <ceres/manifold.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
-#include <glog/logging.h>
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 #include <utility>
 
 #include "plumbline/core/text.hpp"
+#include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 
 namespace plumbline::detail {
@@ -100,37 +99,6 @@ bool all_finite(const Calibration& cal) {
   }
   return true;
 }
-
-// Ceres reports failed factorisations, which it then handles, through glog on stderr. A library does not
-// print: while any solve runs, only glog's fatal messages are let through. Counted, because seeds are solved
-// on several threads.
-class QuietLog {
- public:
-  QuietLog() {
-    const std::lock_guard lock(mutex());
-    if (count()++ == 0) saved() = std::exchange(FLAGS_minloglevel, google::GLOG_FATAL);
-  }
-  ~QuietLog() {
-    const std::lock_guard lock(mutex());
-    if (--count() == 0) FLAGS_minloglevel = saved();
-  }
-  QuietLog(const QuietLog&) = delete;
-  QuietLog& operator=(const QuietLog&) = delete;
-
- private:
-  static std::mutex& mutex() {
-    static std::mutex m;
-    return m;
-  }
-  static int& count() {
-    static int n = 0;
-    return n;
-  }
-  static int& saved() {
-    static int level = 0;
-    return level;
-  }
-};
 
 std::string one_line(std::string text) {
   std::replace(text.begin(), text.end(), '\n', ' ');

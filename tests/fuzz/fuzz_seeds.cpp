@@ -9,6 +9,7 @@
 #include "plumbline/io/calibration_io.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/formats.hpp"
+#include "plumbline/io/reconstruction_io.hpp"
 #include "plumbline/io/target_io.hpp"
 
 namespace {
@@ -62,6 +63,22 @@ void seed_formats() {
     }
   }
 }
+void seed_reconstructions() {
+  Reconstruction scene;
+  for (const char* lens : {"opencv4", "kb4"})
+    scene.cameras.push_back({lens, {640, 480}, make_lens(lens, {640, 480}, 500).value()});
+  for (int v = 0; v < 3; ++v)
+    scene.views.push_back({v % 2, "img.jpg", SE3(so3_exp({0.1 * v, 0, 0}), {0.1, 0.2, 3}), v + 1});
+  for (int p = 0; p < 4; ++p) {
+    scene.p_world.emplace_back(0.1 * p, 0.2, 0.3);
+    for (int v = 0; v < 3; ++v) scene.sightings.push_back({v, p, {300.5 + p, 200.25}, 1});
+  }
+  std::string model;
+  for (const NamedBytes& file : format_colmap_model(scene).value()) model += file.bytes + "===\n";
+  seed("colmap_model", model);
+  scene.cameras[1].lens = scene.cameras[0].lens;
+  seed("bal", format_bal(scene).value());
+}
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -79,6 +96,14 @@ int main(int argc, char** argv) {
   seed("calibration", format_calibration(rig_only));
   seed("vnl", format_vnl(calibration.data, 0));
   seed("vnl", "# filename x y weight\na 1 2 0.5\na - - -\nb 1e3 2 -\n");
+  seed("points", "X,Y,Z,u,v\n0.5,1,2,3.25,-1\n-1,2e-3,3,4,5\n");
+  seed("points", "# u v\n1 2\n- 3 # not seen\n");
+  seed("points", "{columns: [u, v], rows: [[0.5, 1], [2, ~]]}\n");
+  seed("points", "columns: [u, v]\nrows: |\n  1 2\n  3 4\n");
+  seed("transform", "1 0 0 5\n0 1 0 6\n0 0 1 7\n0 0 0 1\n");
+  seed("transform", "{R: [[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]], t: [1, 2, 3]}\n");
+  seed("transform", "quaternion_wxyz: [1, 0, 0, 0]\nrotation_rad: [0, 0, 0]\ntranslation_m: [1, 2, 3]\n");
   seed_formats();
+  seed_reconstructions();
   return 0;
 }

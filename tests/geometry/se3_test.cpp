@@ -160,6 +160,70 @@ TEST(Se3, JacobiansAgreeWithNumericDifferentiation) {
   }
 }
 
+TEST(Se3, InverseJacobiansAreInverseAndTheSeriesOfBernoulli) {
+  // ad / (exp(ad) - 1): 1 - ad/2 + ad^2/12 - ad^4/720 + ...
+  const std::vector<double> bernoulli{1,           -0.5, 1.0 / 12,       0, -1.0 / 720,    0,
+                                      1.0 / 30240, 0,    -1.0 / 1209600, 0, 1.0 / 47900160};
+  Rng rng(11);
+  for (double angle : kAngles) {
+    for (int i = 0; i < 10; ++i) {
+      const Vec6 xi = random_twist(rng, angle);
+      EXPECT_LT((se3_left_jacobian(xi) * se3_left_jacobian_inverse(xi) - Mat6::Identity()).norm(), 1e-13)
+          << angle;
+      EXPECT_LT((se3_right_jacobian_inverse(xi) * se3_right_jacobian(xi) - Mat6::Identity()).norm(), 1e-13)
+          << angle;
+      if (angle > 0.11) continue;  // the next term is 691 / 1307674368000 angle^12
+      Mat6 series = Mat6::Zero(), power = Mat6::Identity();
+      for (double b : bernoulli) {
+        series += b * power;
+        power = power * little_adjoint(xi);
+      }
+      EXPECT_LT((se3_left_jacobian_inverse(xi) - series).norm(), 1e-13) << angle;
+    }
+  }
+  EXPECT_THROW(se3_left_jacobian_inverse(random_twist(rng, 6.3)), std::invalid_argument);
+}
+
+TEST(Se3, InverseJacobiansMoveTheLog) {
+  // log(exp(d) T) = log T + J_l^-1 d and log(T exp(d)) = log T + J_r^-1 d to first order.
+  Rng rng(12);
+  const double h = 1e-5;
+  for (double angle : {1e-7, 0.01, 0.5, 2.0, 3.0}) {
+    const Vec6 xi = random_twist(rng, angle);
+    const SE3 T = se3_exp(xi);
+    for (int k = 0; k < 6; ++k) {
+      const Vec6 d = h * Vec6::Unit(k);
+      const Vec6 left = (se3_log(se3_exp(d) * T) - se3_log(se3_exp(-d) * T)) / (2 * h);
+      const Vec6 right = (se3_log(T * se3_exp(d)) - se3_log(T * se3_exp(-d))) / (2 * h);
+      // Central differences: h^2 = 1e-10 times third derivatives, which near pi are some 30, and rounding
+      // 1e-11.
+      EXPECT_LT((se3_left_jacobian_inverse(xi).col(k) - left).norm(), 2e-8) << angle;
+      EXPECT_LT((se3_right_jacobian_inverse(xi).col(k) - right).norm(), 2e-8) << angle;
+    }
+  }
+}
+
+TEST(Se3, AChainOfCamerasThereAndBack) {
+  // T_W_C = [R' | -R't] of T_C_W, written out with plain matrices, through chains of ten frames.
+  Rng rng(13);
+  for (double angle : kAngles) {
+    SE3 chain;
+    Mat4 product = Mat4::Identity();
+    std::vector<SE3> links;
+    for (int i = 0; i < 10; ++i) links.push_back(se3_exp(random_twist(rng, angle)));
+    for (const SE3& T : links) chain = chain * T, product = Mat4(product * T.matrix());
+    EXPECT_LT((chain.matrix() - product).norm(), 1e-13) << angle;
+    const Mat3 R = product.topLeftCorner<3, 3>();
+    const Vec3 t = product.topRightCorner<3, 1>();
+    EXPECT_LT((chain.inverse().R() - R.transpose()).norm(), 1e-13);
+    EXPECT_LT((chain.inverse().t() + R.transpose() * t).norm(), 1e-12);
+    EXPECT_LT((chain.centre() + R.transpose() * t).norm(), 1e-12);
+    for (auto T = links.rbegin(); T != links.rend(); ++T) chain = chain * T->inverse();
+    EXPECT_LT((chain.matrix() - Mat4::Identity()).norm(), 1e-12) << angle;
+    EXPECT_LT(se3_log(chain).norm(), 1e-12) << angle;
+  }
+}
+
 TEST(BoxPlus, StepsRotationAndTranslationApart) {
   Rng rng(9);
   for (double angle : kAngles) {

@@ -45,6 +45,10 @@ Mat6 se3_adjoint(const SE3& T);
 Mat6 se3_left_jacobian(const Vec6& xi);
 Mat6 se3_right_jacobian(const Vec6& xi);
 
+/// Inverses of the above, in closed form (Barfoot 2017, eq. 7.95). \pre |w| < 2 pi
+Mat6 se3_left_jacobian_inverse(const Vec6& xi);
+Mat6 se3_right_jacobian_inverse(const Vec6& xi);
+
 /// The step that every iteration of the library takes: R <- exp(dw) R, t <- t + dt, for d = [dw (rad) | dt
 /// (m)]. Rotation and translation are stepped apart (SO(3) x R^3), which keeps the Jacobian of a moved point
 /// simple: d(T p)/d[dw | dt] = [-[R p]_x | I].

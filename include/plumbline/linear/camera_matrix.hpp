@@ -15,7 +15,8 @@ namespace plumbline {
 /// \returns P (3x4); kDegenerate when the points, or all but one, lie in a plane to 1e-6 of their
 ///          extent, or the null space of the normalised system has more than one dimension
 ///          (sigma_11 < 1e-9 sigma_1: a plane and a line through the camera, a twisted cubic through
-///          the camera); kInvalidData for NaN
+///          the camera), also with noise: when n >= 8 and a second camera matrix fits within three times the
+///          error of the best; kInvalidData for NaN
 Result<Mat34> camera_matrix(std::span<const Vec3> p_world, std::span<const Vec2> px);
 
 /// The same onto rays: P = [R | t] from n >= 6 points and unit rays of a known lens, any z, scaled to
@@ -36,6 +37,15 @@ struct CameraMatrixParts {
 /// 3x3 block is singular (a camera at infinity).
 Result<CameraMatrixParts> decompose_camera_matrix(const Mat34& P);
 
+/// The same by the QR decomposition of M^-1 = R' K^-1, M the left 3x3 block of P. As good as RQ to some
+/// 1e-12; there to be compared with it. kDegenerate as decompose_camera_matrix.
+Result<CameraMatrixParts> decompose_camera_matrix_qr(const Mat34& P);
+
+/// The same by Cholesky's factor of  M M' = K K'  (the dual image of the absolute conic, Hartley & Zisserman
+/// 2004, section 8.5), then R = K^-1 M. Squares M: loses twice the digits of the others when rows of M are
+/// nearly parallel, and refuses (kDegenerate) below a sine of 1e-7 between them.
+Result<CameraMatrixParts> decompose_camera_matrix_cholesky(const Mat34& P);
+
 /// M = U Q with U upper triangular with a positive diagonal and Q orthogonal (det Q = sign of det M).
 /// kDegenerate for a singular M.
 struct Rq {
@@ -46,5 +56,9 @@ Result<Rq> rq_decompose(const Mat3& M);
 /// The camera centre as the null vector of P, homogeneous [C; w], unit length; w = 0 for a camera at
 /// infinity.
 Vec4 camera_centre(const Mat34& P);
+
+/// The camera centre as -M^-1 p4 (Hartley & Zisserman 2004, section 6.2.4), the second road to it.
+/// kDegenerate as decompose_camera_matrix.
+Result<Vec3> camera_centre_by_inverse(const Mat34& P);
 
 }  // namespace plumbline

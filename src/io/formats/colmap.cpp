@@ -4,7 +4,7 @@
 #include <map>
 
 #include "io/dataset_yaml.hpp"
-#include "io/formats/common.hpp"
+#include "io/formats/colmap.hpp"
 #include "plumbline/core/text.hpp"
 
 /// COLMAP's cameras.txt: `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`. The centre of its top-left pixel is (0.5,
@@ -14,7 +14,6 @@ namespace plumbline::io {
 namespace {
 
 constexpr int kMaxCameras = 10000;
-constexpr double kPixelShift = 0.5;  ///< c_colmap = c_ours + 0.5
 
 struct Model {
   std::string_view name;
@@ -36,16 +35,9 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
   std::string out = "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n";
   out += fmt::format("# Number of cameras: {}\n", rig.cameras.size());
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
-    const Camera& camera = rig.cameras[i];
-    const auto model = model_of(camera.lens);
-    if (!model) return unsupported_lens(kColmapFormat, camera);
-    std::vector<double> values(params(camera.lens).begin(), params(camera.lens).begin() + 4);
-    values[2] += kPixelShift;
-    values[3] += kPixelShift;
-    values.insert(values.end(), model->d.begin(), model->d.end());
-    out += fmt::format("{} {} {} {}", i + 1, model->name, camera.size.width, camera.size.height);
-    for (double value : values) out += " " + number_text(value);
-    out += "\n";
+    const auto line = colmap_camera_line(static_cast<std::int64_t>(i) + 1, rig.cameras[i]);
+    if (!line) return line.error();
+    out += *line;
   }
   return std::vector<NamedBytes>{{"cameras.txt", out}};
 }
@@ -99,8 +91,8 @@ Result<Camera> read_camera(const Words& words) {
                               words[4 + static_cast<std::size_t>(i)].substr(0, 40)));
     values.push_back(*value);
   }
-  values[2] -= kPixelShift;
-  values[3] -= kPixelShift;
+  values[2] -= kColmapPixelShift;
+  values[3] -= kColmapPixelShift;
   std::string_view name = lens_type;
   if (name == "opencv8" && values[9] == 0 && values[10] == 0 && values[11] == 0) {  // an opencv5, filled up
     name = "opencv5";
@@ -163,5 +155,17 @@ const Format kColmapFormat{"colmap",      "COLMAP cameras.txt (without poses)",
                            "cameras.txt", "pinhole opencv4 opencv5 opencv8 kb4",
                            false,         write,
                            read,          recognises};
+
+Result<std::string> colmap_camera_line(std::int64_t id, const Camera& camera) {
+  const auto model = model_of(camera.lens);
+  if (!model) return unsupported_lens(kColmapFormat, camera);
+  std::vector<double> values(params(camera.lens).begin(), params(camera.lens).begin() + 4);
+  values[2] += kColmapPixelShift;
+  values[3] += kColmapPixelShift;
+  values.insert(values.end(), model->d.begin(), model->d.end());
+  std::string line = fmt::format("{} {} {} {}", id, model->name, camera.size.width, camera.size.height);
+  for (double value : values) line += " " + number_text(value);
+  return line + "\n";
+}
 
 }  // namespace plumbline::io
