@@ -104,11 +104,7 @@ Result<Mat3> essential_8point(std::span<const Vec3> rays_1, std::span<const Vec3
   if (const auto e = refuse_rays(rays_1, rays_2, kWhere)) return *e;
   const detail::EightPoint solution = eight_point(rays_1, rays_2);
   const Mat3 E = with_equal_singular_values(solution.F);
-  const double determinacy = solution.singular_values[7] / solution.singular_values[0];
-  constexpr double kClear = 10;  // as for fundamental_8point()
-  const bool is_clear = rays_1.size() >= 16 && determinacy > detail::kRankTolerance &&
-                        solution.singular_values[7] >= kClear * solution.singular_values[8];
-  if (!is_clear) {
+  if (!solution.is_clear(rays_1.size())) {
     const auto a = lift_rays(rays_1), b = lift_rays(rays_2);
     // Equal singular values would leave residuals in the null space of a plane, where E is any [t]_x H.
     const TwoViewComparison c = detail::compare(detail::with_rank_2(solution.F), a, b, kRoundingPx,
@@ -117,12 +113,12 @@ Result<Mat3> essential_8point(std::span<const Vec3> rays_1, std::span<const Vec3
                                                 });
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
   }
-  if (!(determinacy > detail::kRankTolerance)) {
+  if (!(solution.determinacy > detail::kRankTolerance)) {
     return Error{
         ErrorCode::kDegenerate,
         fmt::format("more than one essential matrix fits the {} pairs (singular value ratio {:.2g}, at "
                     "least {:.0e} is needed); add points at different depths",
-                    rays_1.size(), determinacy, detail::kRankTolerance),
+                    rays_1.size(), solution.determinacy, detail::kRankTolerance),
         kWhere};
   }
   return E;

@@ -21,27 +21,19 @@ Result<Mat3> fundamental_8point(std::span<const Vec2> px1, std::span<const Vec2>
   const detail::PixelPairs pairs(px1, px2);
   const detail::EightPoint solution = detail::eight_point(pairs.a, pairs.b);
   const Mat3 F = detail::with_rank_2(solution.F);
-  const double determinacy = solution.singular_values[7] / solution.singular_values[0];
-  // A plane or a turn makes the last three singular values noise. With eight rows more than that leaves of
-  // the equations, two noise values differ by a factor of 10 less than once in 1e5; where they do, the null
-  // vector stands out and there is nothing to compare.
-  constexpr double kClear = 10;
-  constexpr std::size_t kEnough = 16;
-  const bool is_clear = px1.size() >= kEnough && determinacy > detail::kRankTolerance &&
-                        solution.singular_values[7] >= kClear * solution.singular_values[8];
-  if (!is_clear) {
+  if (!solution.is_clear(px1.size())) {
     const TwoViewComparison c = detail::compare(
         F, pairs.a, pairs.b, pairs.rounding_px(), [&](const Mat3& H, std::span<const int> on) {
           return detail::is_turn(H, pairs.a, pairs.b, on, pairs.T_common_1(), pairs.T_common_2());
         });
     if (c.kind != TwoViewDegeneracy::kNone) return Error{ErrorCode::kDegenerate, c.text(), kWhere};
   }
-  if (!(determinacy > detail::kRankTolerance)) {
+  if (!(solution.determinacy > detail::kRankTolerance)) {
     return Error{
         ErrorCode::kDegenerate,
         fmt::format("more than one fundamental matrix fits the {} pairs (singular value ratio {:.2g}, "
                     "at least {:.0e} is needed); add points at different depths",
-                    px1.size(), determinacy, detail::kRankTolerance),
+                    px1.size(), solution.determinacy, detail::kRankTolerance),
         kWhere};
   }
   return pairs.denormalised(F);

@@ -62,18 +62,6 @@ std::optional<Lifted> lift(const Lens& lens, const Vec2& px) {
   return out;
 }
 
-double homography_sampson_squared(const Mat3& H, const Lifted& a, const Lifted& b) {
-  const Vec3 h = H * a.v;
-  const double factor = b.measure.dot(h);
-  if (!(factor > 0)) return std::numeric_limits<double>::infinity();
-  const Mat23 J = b.J_px_v / factor;
-  const Vec2 e = J * h;
-  const Mat2 M = J * (H * a.J_v_px);
-  const Mat2 W = Mat2::Identity() + M * M.transpose();
-  // e' W^-1 e by the adjugate; det W >= 1.
-  return (W(1, 1) * e.x() * e.x() - 2 * W(0, 1) * e.x() * e.y() + W(0, 0) * e.y() * e.y()) / W.determinant();
-}
-
 bool is_oriented(const Mat3& F, std::span<const Lifted> a, std::span<const Lifted> b,
                  std::span<const int> of) {
   const Vec3 e2 = left_null(F);

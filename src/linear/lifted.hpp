@@ -52,7 +52,20 @@ inline double sampson_squared(const Mat3& F, const Lifted& a, const Lifted& b) {
 
 /// Squared Sampson distance [px^2] of a pair from b ~ H a with a positive factor: two equations, with noise
 /// in both images (H&Z eq. 4.13). Infinity for a negative factor.
-double homography_sampson_squared(const Mat3& H, const Lifted& a, const Lifted& b);
+inline double homography_sampson_squared(const Mat3& H, const Lifted& a, const Lifted& b) {
+  const Vec3 h = H.col(0) * a.v[0] + H.col(1) * a.v[1] + H.col(2) * a.v[2];
+  const double factor = b.measure.dot(h);
+  if (!(factor > 0)) return std::numeric_limits<double>::infinity();
+  const double unit = 1 / factor;
+  const Vec3 j0 = b.J_px_v.row(0) * unit, j1 = b.J_px_v.row(1) * unit;
+  const Vec3 u = H.col(0) * a.J_v_px(0, 0) + H.col(1) * a.J_v_px(1, 0) + H.col(2) * a.J_v_px(2, 0);
+  const Vec3 v = H.col(0) * a.J_v_px(0, 1) + H.col(1) * a.J_v_px(1, 1) + H.col(2) * a.J_v_px(2, 1);
+  const double e0 = j0.dot(h), e1 = j1.dot(h);
+  const double m00 = j0.dot(u), m01 = j0.dot(v), m10 = j1.dot(u), m11 = j1.dot(v);
+  // e' (I + M M')^-1 e by the adjugate; the determinant is at least 1.
+  const double w00 = 1 + m00 * m00 + m01 * m01, w01 = m00 * m10 + m01 * m11, w11 = 1 + m10 * m10 + m11 * m11;
+  return (w11 * e0 * e0 - 2 * w01 * e0 * e1 + w00 * e1 * e1) / (w00 * w11 - w01 * w01);
+}
 
 /// The signs of the products (e2 x b) . (F a), e2 the left null vector, of pairs before both cameras are all
 /// alike (Werner & Pajdla 2001): false when two of these differ.

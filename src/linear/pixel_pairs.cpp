@@ -4,9 +4,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "linear/degeneracy.hpp"
+#include "linear/normal_null.hpp"
 #include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
@@ -56,14 +58,48 @@ std::optional<Error> refuse_pixels(std::span<const Vec2> px1, std::span<const Ve
 }
 
 EightPoint eight_point(std::span<const Lifted> a, std::span<const Lifted> b, std::span<const int> of) {
+  using Mat9 = Eigen::Matrix<double, 9, 9>;
+  using Vec9 = Eigen::Matrix<double, 9, 1>;
+  // A'A of the rows vec(b a')' is a sum of products of (a a') and (b b'), six numbers each.
+  constexpr int kPlace[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
+  Mat6 S = Mat6::Zero();
+  for (const int i : of) {
+    const Vec3 &x = a[static_cast<std::size_t>(i)].v, &y = b[static_cast<std::size_t>(i)].v;
+    Vec6 xx, yy;
+    xx << x[0] * x[0], x[0] * x[1], x[0] * x[2], x[1] * x[1], x[1] * x[2], x[2] * x[2];
+    yy << y[0] * y[0], y[0] * y[1], y[0] * y[2], y[1] * y[1], y[1] * y[2], y[2] * y[2];
+    S.noalias() += yy * xx.transpose();
+  }
+  Mat9 G;
+  for (int c = 0; c < 9; ++c) {
+    for (int r = 0; r < 9; ++r) G(r, c) = S(kPlace[r % 3][c % 3], kPlace[r / 3][c / 3]);
+  }
+  const auto apply = [&](const Vec9& f, double& squares) {
+    const Mat3 F = Eigen::Map<const Mat3>(f.data());
+    Mat3 sum = Mat3::Zero();
+    squares = 0;
+    for (const int i : of) {
+      const Vec3 &x = a[static_cast<std::size_t>(i)].v, &y = b[static_cast<std::size_t>(i)].v;
+      const double r = y.dot(F * x);
+      sum.noalias() += (r * y) * x.transpose();
+      squares += r * r;
+    }
+    return Vec9(Eigen::Map<const Vec9>(sum.data()));
+  };
+  double squares = 0;
+  if (const auto null = null_of_normal<9>(G, [&](const Vec9& f) { return apply(f, squares); })) {
+    return {Eigen::Map<const Mat3>(null->v.data()), null->determinacy, std::sqrt(squares / G.trace())};
+  }
   MatX A(static_cast<Eigen::Index>(of.size()), 9);
   for (std::size_t k = 0; k < of.size(); ++k) {
     const auto i = static_cast<std::size_t>(of[k]);
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; ++c) {
       A.row(static_cast<Eigen::Index>(k)).segment<3>(3 * c) = a[i].v[c] * b[i].v.transpose();
+    }
   }
   const NullVector null = null_vector(A);
-  return {Eigen::Map<const Mat3>(null.v.data()), null.singular_values};
+  const VecX& s = null.singular_values;
+  return {Eigen::Map<const Mat3>(null.v.data()), s[7] / s[0], s[8] / s[0]};
 }
 
 EightPoint eight_point(std::span<const Lifted> a, std::span<const Lifted> b) {
