@@ -165,6 +165,12 @@ Status check_output(const fs::path& output, const Common& common) {
                output.string()};
 }
 
+Status check_parent(const fs::path& file) {
+  std::error_code ignored;
+  if (file.empty() || !file.has_parent_path() || fs::is_directory(file.parent_path(), ignored)) return {};
+  return Error{ErrorCode::kIo, "the folder of this file does not exist; make it first", file.string()};
+}
+
 CLI::Validator positive() {
   return {[](const std::string& text) {
             const auto value = parse_double(text);

@@ -55,6 +55,10 @@ Result<Rig> load_rig(const std::vector<std::string>& paths, const std::string& f
 /// Fails early, before hours of work, when -o exists and --force is not given.
 Status check_output(const std::filesystem::path& output, const Common& common);
 
+/// Fails early when the folder that a file is to be written into does not exist, so that of two outputs not
+/// only one is written. An empty name passes.
+Status check_parent(const std::filesystem::path& file);
+
 /// Checks of options: a finite number above 0, and one between two bounds. CLI11's own let NaN through.
 CLI::Validator positive();
 CLI::Validator between(double low, double high);

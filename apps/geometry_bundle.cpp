@@ -303,6 +303,7 @@ Result<int> run(const Options& o, const Common& common) {
     if (file.empty()) continue;
     if (Status s = check_output(file, common); !s) return s.error();
   }
+  if (Status s = check_parent(o.structure); !s) return s.error();
   auto scene = load_model(o.model);
   if (!scene) return scene.error();
   if (Status s = check_expressible(o, *scene); !s) return s.error();
@@ -310,6 +311,15 @@ Result<int> run(const Options& o, const Common& common) {
   const BundleOptions options = bundle_options(o, *scene);
   const auto bundle = adjust_bundle(*scene, options);
   if (!bundle) return bundle.error();
+  if (!bundle->converged) {
+    return Error{ErrorCode::kNotConverged,
+                 fmt::format("{} iterations end at {:.6g} px without an optimum ({}); give more with "
+                             "--max-iterations, or hold "
+                             "what the sightings do not determine: lens parameters (--free-intrinsics), "
+                             "views or points (--fix)",
+                             bundle->iterations, bundle->rms_px, bundle->termination),
+                 o.model};
+  }
   std::vector<std::string> written;
   if (Status s = write_model(o, common, bundle->scene, written); !s) return s.error();
   if (!o.structure.empty()) {

@@ -111,7 +111,9 @@ Result<int> run(const Options& o, const Common& common) {
   }
   if (estimate.covariance) {
     json["sigma_px"] = estimate.sigma_px;
-    json["covariance_P"] = json_of_matrix(*estimate.covariance);
+    // Of P as printed, with its length |P| held: a camera matrix has a scale of its own choice.
+    const double scale = (rq->K * rq->T_cam_world().matrix34()).norm();
+    json["covariance_P"] = json_of_matrix(*estimate.covariance * scale * scale);
   }
   if (Status s = give_answer(json, text, o.output, common); !s) return s.error();
   return kDone;

@@ -93,18 +93,39 @@ SeenMatches undistorted(const Matches& all, const std::array<Camera, 2>& cameras
   return out;
 }
 
+// The rotation of a camera that only turned, where it leaves no more per degree of freedom than H does: five
+// parameters fewer must not cost more than an F-test at one in a thousand allows (its quantiles are near
+// `critical`). Without noise both leave nothing, and what is left of rounding does not count.
+std::optional<Mat3> turn_alone(const Mat3& H, const Matches& kept, const Mat3& K1, const Mat3& K2) {
+  const int n = static_cast<int>(kept.px1.size()), freedom = 2 * n - 8;
+  std::vector<Vec3> rays_1, rays_2;
+  for (std::size_t i = 0; i < kept.px1.size(); ++i) {
+    rays_1.push_back((K1.inverse() * kept.px1[i].homogeneous()).normalized());
+    rays_2.push_back((K2.inverse() * kept.px2[i].homogeneous()).normalized());
+  }
+  const auto turn = rotation_from_rays(rays_1, rays_2);
+  if (!turn) return std::nullopt;
+  const double rms_turn = rms_px(rotation_homography(K1, K2, turn->R_2_1), kept), rms_h = rms_px(H, kept);
+  constexpr double kRounding_px = 1e-6;
+  if (rms_turn < kRounding_px) return turn->R_2_1;
+  if (freedom <= 0) return std::nullopt;
+  const double more = n * (rms_turn * rms_turn - rms_h * rms_h) / 5,
+               per_freedom = n * rms_h * rms_h / freedom;
+  const double critical = 4.1 * (1 + 13.0 / freedom + 60.0 / (freedom * freedom));
+  if (more > critical * per_freedom) return std::nullopt;
+  return turn->R_2_1;
+}
+
 // What H says of the motion, for people and for programs.
 Status add_motion(const Answer& answer, const Matches& kept, const std::array<Camera, 2>& cameras, Json& json,
                   std::string& text) {
   const Mat3 K1 = camera_matrix_k(cameras[0].lens), K2 = camera_matrix_k(cameras[1].lens);
-  // A turn alone moves every pixel as H does, but for the noise of the pixels.
-  const double tolerance = std::max(3 * answer.sigma_px, 1e-6) / K1(0, 0);
-  if (const auto turn = rotation_from_homography(answer.H, K1, K2, tolerance)) {
+  if (const auto R = turn_alone(answer.H, kept, K1, K2)) {
     json["rotation_only"] = true;
-    json["R"] = json_of_matrix(turn->R_2_1);
-    text += text_of_matrix("R", turn->R_2_1) +
+    json["R"] = json_of_matrix(*R);
+    text += text_of_matrix("R", *R) +
             fmt::format("the camera only turned, by {:.6g} deg: no plane and no translation follow\n",
-                        rotation_angle(turn->R_2_1) * 180 / std::numbers::pi);
+                        rotation_angle(*R) * 180 / std::numbers::pi);
     return {};
   }
   auto motions = plane_motions(answer.H, K1, K2);

@@ -65,6 +65,7 @@ Result<int> run(const Options& o, const Common& common) {
   if (o.size.empty() && o.folder.empty()) usage_error("--size WIDTHxHEIGHT is needed, or the images");
   if (Status s = check_answer(o.output, common); !s) return s.error();
   if (Status s = check_answer(o.folder, common); !s) return s.error();
+  if (Status s = check_parent(o.output); !s) return s.error();
   auto known_size = size_of(o);
   if (!known_size) return known_size.error();
   const ImageSize size = *known_size;

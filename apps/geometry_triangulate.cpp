@@ -154,6 +154,8 @@ void add_geometry_triangulate(CLI::App& app, const Common& common, int& exit_cod
                  "T_cam_world of each view (an answer of 'pose', or 12 numbers), in place of the rig's poses")
       ->allow_extra_args(false);
   add_refinement_options(app, o->refinement);
+  app.get_option("--sigma")->description(
+      "standard deviation of a pixel coordinate, for the covariance (default: 1 px)");
   add_answer_option(app, o->output);
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }

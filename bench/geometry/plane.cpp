@@ -128,7 +128,7 @@ void add_among_outliers(std::vector<Method>& list) {
 
 // The error of the answer nearest to the truth: both give several.
 void add_decomposition(std::vector<Method>& list) {
-  const std::string group = "homography into R, t/d, n [deg]";
+  const std::string group = "homography into R, t and n [deg]";
   const auto problems = share(plane_problems(200, 4, 0, 3));
   using Rotations = std::vector<Mat3>;
   const auto nearest = [](const PlaneProblem& p, const Rotations& all) {

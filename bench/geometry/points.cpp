@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Points of space from two or more views.
+extern "C" {
 #include <mrcal/triangulation.h>
+}
 
 #include <cmath>
 #include <opencv2/calib3d.hpp>
@@ -111,12 +113,16 @@ Vec3 opencv_optimal(const PointProblem& p) {
   return opencv_linear(p, a2[0], b2[0]);
 }
 
+mrcal_point3_t to_mrcal(const Vec3& v) {
+  mrcal_point3_t p;
+  p.x = v.x(), p.y = v.y(), p.z = v.z();
+  return p;
+}
+
 using MrcalFunction = decltype(&mrcal_triangulate_geometric);
 template <MrcalFunction F>
 Vec3 by_mrcal(const PointProblem& p) {
-  const mrcal_point3_t v0{{{p.ray_1.x(), p.ray_1.y(), p.ray_1.z()}}};
-  const mrcal_point3_t v1{{{p.ray_2_in_1.x(), p.ray_2_in_1.y(), p.ray_2_in_1.z()}}};
-  const mrcal_point3_t t{{{p.t_12.x(), p.t_12.y(), p.t_12.z()}}};
+  const mrcal_point3_t v0 = to_mrcal(p.ray_1), v1 = to_mrcal(p.ray_2_in_1), t = to_mrcal(p.t_12);
   const mrcal_point3_t X = F(nullptr, nullptr, nullptr, &v0, &v1, &t);
   return {X.x, X.y, X.z};
 }

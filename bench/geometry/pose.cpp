@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
+#include <span>
 
 #include "geometry/geometry.hpp"
 #include "plumbline/geometry/so3.hpp"
@@ -128,7 +129,8 @@ void add_three_points(std::vector<Method>& list) {
   list.push_back(method(
       group, "p3p", 0.1, problems,
       [](const PoseProblem& p) -> std::optional<Answers> {
-        const auto all = p3p({p.p_world[0], p.p_world[1], p.p_world[2]}, {p.rays[0], p.rays[1], p.rays[2]});
+        const std::span<const Vec3, 3> world(p.p_world.data(), 3), rays(p.rays.data(), 3);
+        const auto all = p3p(world, rays);
         return Answers(all.begin(), all.end());
       },
       nearest));
