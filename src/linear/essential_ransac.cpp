@@ -11,10 +11,10 @@
 #include "linear/degeneracy.hpp"
 #include "linear/dlt.hpp"
 #include "linear/minimal.hpp"
-#include "linear/two_motions.hpp"
 #include "plumbline/core/linalg.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/linear/essential.hpp"
+#include "plumbline/linear/plane_motion.hpp"
 
 namespace plumbline {
 namespace {
@@ -183,7 +183,11 @@ std::optional<Error> settle_plane(const Seen& pairs, const SampsonErrors& errors
   constexpr double kAheadShare = 0.9, kSameRad = 2 * std::numbers::pi / 180;
   const std::vector<Vec3> rays_1 = rays_of(pairs.a, plane.on), rays_2 = rays_of(pairs.b, plane.on);
   std::vector<RelativePose> possible;
-  for (const Mat3& E : detail::two_motions_of_plane(plane.H)) {
+  const auto motions = plane_motions(plane.H, Mat3::Identity(), Mat3::Identity());
+  if (!motions) return motions.error();
+  for (std::size_t k = 0; k < motions->size(); k += 2) {  // the next one is its twin with the same E
+    const PlaneMotion& motion = (*motions)[k];
+    const Mat3 E = essential_from_pose(SE3(motion.R, motion.t_over_d.normalized()));
     const auto better = refit(pairs, E, plane.on);
     const auto pose = relative_pose_from_essential(better ? *better : E, rays_1, rays_2);
     if (pose && pose->n_in_front >= kAheadShare * static_cast<double>(plane.on.size())) {
