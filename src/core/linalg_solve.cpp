@@ -3,21 +3,21 @@
 #include "plumbline/core/linalg.hpp"
 
 namespace plumbline {
-namespace {
 
 template <int N>
-SymEigen sym_eigen_of(const MatX& A) {
+SymEigenFixed<N> sym_eigen_fixed(const Eigen::Matrix<double, N, N>& A) {
+  PLUMBLINE_CHECK(A.allFinite(), "sym_eigen_fixed needs a finite matrix");
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> solver(A);
   return {solver.eigenvalues(), solver.eigenvectors()};
 }
 
-}  // namespace
+template SymEigenFixed<2> sym_eigen_fixed<2>(const Mat2& A);
+template SymEigenFixed<3> sym_eigen_fixed<3>(const Mat3& A);
 
 SymEigen sym_eigen(const MatX& A) {
   PLUMBLINE_CHECK(A.rows() == A.cols() && A.allFinite(), "sym_eigen needs a finite square matrix");
-  if (A.rows() == 2) return sym_eigen_of<2>(A);
-  if (A.rows() == 3) return sym_eigen_of<3>(A);
-  return sym_eigen_of<Eigen::Dynamic>(A);
+  const Eigen::SelfAdjointEigenSolver<MatX> solver(A);
+  return {solver.eigenvalues(), solver.eigenvectors()};
 }
 
 std::optional<MatX> solve_spd(const MatX& A, const MatX& b) {

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "linear/decompose.hpp"
+#include "linear/row_qr.hpp"
 #include "plumbline/core/linalg.hpp"
 
 namespace plumbline {
@@ -21,16 +22,6 @@ UnitRows unit_rows(const Mat34& P) {
   UnitRows u{P.leftCols<3>().rowwise().norm(), P.leftCols<3>()};
   u.M = u.lengths.cwiseInverse().asDiagonal() * u.M;
   return u;
-}
-
-// The inverse of an upper triangular matrix, by columns.
-Mat3 inverse_of_upper(const Mat3& U) {
-  Mat3 V = Mat3::Zero();
-  V(0, 0) = 1 / U(0, 0), V(1, 1) = 1 / U(1, 1), V(2, 2) = 1 / U(2, 2);
-  V(0, 1) = -U(0, 1) * V(0, 0) * V(1, 1);
-  V(1, 2) = -U(1, 2) * V(1, 1) * V(2, 2);
-  V(0, 2) = -(U(0, 1) * V(1, 2) + U(0, 2) * V(2, 2)) * V(0, 0);
-  return V;
 }
 
 }  // namespace
@@ -54,7 +45,8 @@ Result<CameraMatrixParts> decompose_camera_matrix_qr(const Mat34& P) {
     K_inverse(j, j) = Q.col(j).norm();
     Q.col(j) /= K_inverse(j, j);
   }
-  return detail::parts_of(*positive, u.lengths.asDiagonal() * inverse_of_upper(K_inverse), Q.transpose());
+  return detail::parts_of(*positive, u.lengths.asDiagonal() * detail::inverse_of_upper(K_inverse),
+                          Q.transpose());
 }
 
 Result<CameraMatrixParts> decompose_camera_matrix_cholesky(const Mat34& P) {
@@ -82,7 +74,7 @@ Result<CameraMatrixParts> decompose_camera_matrix_cholesky(const Mat34& P) {
         "camera matrix"};
   }
   K(0, 0) = std::sqrt(k00);
-  const Mat3 R = nearest_rotation(inverse_of_upper(K) * u.M);
+  const Mat3 R = nearest_rotation(detail::inverse_of_upper(K) * u.M);
   return detail::parts_of(*positive, u.lengths.asDiagonal() * K, R);
 }
 

@@ -95,15 +95,6 @@ PreparedRays prepare_rays(std::span<const Vec3> rays) {
   return out;
 }
 
-std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous) {
-  std::vector<Mat23> E(static_cast<std::size_t>(b_homogeneous.cols()));
-  for (std::size_t i = 0; i < E.size(); ++i) {
-    const Vec3 b = b_homogeneous.col(static_cast<Eigen::Index>(i));
-    E[i] << b.z(), 0, -b.x(), 0, b.z(), -b.y();
-  }
-  return E;
-}
-
 namespace {
 
 // From the rows themselves, E_i's columns times a_i': for systems that are nearly of too small a rank.
@@ -115,13 +106,10 @@ DltSolution solve_dlt_by_svd(const MatX& a, std::span<const Mat23> E) {
       A.block(2 * i, j * k, 2, k) = E[static_cast<std::size_t>(i)].col(j) * a.col(i).transpose();
     }
   }
-  const auto matrix = [&](const VecX& h) { return MatX(Eigen::Map<const MatX>(h.data(), k, 3).transpose()); };
   const NullVector null = null_vector(A);
   const double largest = null.singular_values[0], last_but_one = null.singular_values[3 * k - 2];
-  // With the null vector as a row of largest weight the next one is last.
-  MatX deflated(2 * n + 1, 3 * k);
-  deflated << A, std::max(largest, 1.0) * null.v.transpose();
-  return {matrix(null.v), matrix(null_vector(deflated).v), largest > 0 ? last_but_one / largest : 0.0};
+  return {Eigen::Map<const MatX>(null.v.data(), k, 3).transpose(),
+          largest > 0 ? last_but_one / largest : 0.0};
 }
 
 // A'A of those rows is made of the blocks  sum (E'E)(r, c) a a', and A'A h of  sum a (E'E H a)'.
@@ -166,8 +154,7 @@ DltSolution solve_dlt_of(const MatX& a, std::span<const Mat23> E) {
   };
   const auto null = null_of_normal<N>(G, gradient);
   if (!null) return solve_dlt_by_svd(a, E);
-  return {Eigen::Map<const Eigen::Matrix<double, K, 3>>(null->v.data()).transpose(),
-          Eigen::Map<const Eigen::Matrix<double, K, 3>>(null->next.data()).transpose(), null->determinacy};
+  return {Eigen::Map<const Eigen::Matrix<double, K, 3>>(null->v.data()).transpose(), null->determinacy};
 }
 
 }  // namespace

@@ -48,17 +48,12 @@ struct PreparedRays {
 };
 PreparedRays prepare_rays(std::span<const Vec3> rays);
 
-/// Rows that vanish when  H a  is parallel to [b; 1], one pair per pixel.
-std::vector<Mat23> pixel_constraints(const MatX& b_homogeneous);
-
 /// The 3 x k matrix H of unit norm that minimises  sum |E_i H a_i|^2, a_i the columns of a (k x n), k = 3
 /// or 4.
 struct DltSolution {
   MatX H;
-  /// The unit matrix across H that comes next, to some per cent of its least sum.
-  MatX next;
-  /// Singular value of `next` over the largest, zero when more than one H fits; above 1e-4 up to a factor 4
-  /// below.
+  /// The last but one singular value over the largest, zero when more than one H fits; above 1e-4 up to a
+  /// factor 4 below.
   double determinacy;
 };
 DltSolution solve_dlt(const MatX& a, std::span<const Mat23> E);

@@ -5,10 +5,12 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <vector>
 
 #include "linear/consensus.hpp"
+#include "linear/degeneracy.hpp"
 #include "plumbline/linear/homography.hpp"
 
 namespace plumbline {
@@ -61,6 +63,49 @@ void transfer_errors(const Mat3& H, const Points& p, int first, std::span<double
   }
 }
 
+Points as_points(std::span<const Vec2> a, std::span<const Vec2> b) {
+  const auto n = static_cast<Eigen::Index>(a.size());
+  Points points{Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n)};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Vec2 &p = a[static_cast<std::size_t>(i)], &q = b[static_cast<std::size_t>(i)];
+    points.ax[i] = p.x(), points.ay[i] = p.y(), points.bx[i] = q.x(), points.by[i] = q.y();
+  }
+  return points;
+}
+
+Result<Mat3> fit(std::span<const Vec2> a, std::span<const Vec2> b, std::span<const int> members) {
+  std::vector<Vec2> pa, pb;
+  for (const int i : members) {
+    pa.push_back(a[static_cast<std::size_t>(i)]);
+    pb.push_back(b[static_cast<std::size_t>(i)]);
+  }
+  return homography(pa, pb);
+}
+
+// A point unrelated to H falls into the circle of the farthest inlier with the circle's share of a square
+// that holds the points: 6 times their squared RMS distance from the centroid.
+std::optional<Error> refuse_chance(const Found<Mat3>& found, const Points& points) {
+  const int n = static_cast<int>(points.ax.size());
+  if (n == kSample) return std::nullopt;
+  std::vector<double> e2(static_cast<std::size_t>(n));
+  transfer_errors(found.model, points, 0, e2);
+  double farthest = 0;
+  for (const int i : detail::inlier_indices(found.consensus))
+    farthest = std::max(farthest, e2[static_cast<std::size_t>(i)]);
+  const double spread =
+      (points.bx - points.bx.mean()).square().mean() + (points.by - points.by.mean()).square().mean();
+  const double share = std::min(1.0, std::numbers::pi * farthest / (6 * spread));
+  const int needed = kSample + detail::needed_beyond_chance(n - kSample, share, found.consensus.n_hypotheses);
+  if (found.consensus.n_inliers >= needed) return std::nullopt;
+  return Error{
+      ErrorCode::kDegenerate,
+      fmt::format(
+          "no homography has more inliers than chance gives: {} of {} correspondences, at least {} are "
+          "needed after {} samples; the points do not correspond, or are not those of one plane",
+          found.consensus.n_inliers, n, needed, found.consensus.n_hypotheses),
+      kWhere};
+}
+
 }  // namespace
 
 std::optional<Mat3> homography_from_four(const std::array<Vec2, 4>& a, const std::array<Vec2, 4>& b) {
@@ -87,29 +132,12 @@ Result<Found<Mat3>> homography_ransac(std::span<const Vec2> a, std::span<const V
                                       const RansacOptions& options) {
   PLUMBLINE_CHECK(a.size() == b.size() && a.size() >= 4,
                   "homography_ransac needs as many points in a as in b, 4 or more");
-  const int n = static_cast<int>(a.size());
-  Points points{Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n)};
-  for (int i = 0; i < n; ++i) {
-    const Vec2 &p = a[static_cast<std::size_t>(i)], &q = b[static_cast<std::size_t>(i)];
-    points.ax[i] = p.x(), points.ay[i] = p.y(), points.bx[i] = q.x(), points.by[i] = q.y();
-  }
+  const Points points = as_points(a, b);
   if (!points.ax.allFinite() || !points.ay.allFinite() || !points.bx.allFinite() || !points.by.allFinite()) {
     return Error{ErrorCode::kInvalidData, "a coordinate is not a finite number; remove that point", kWhere};
   }
-  std::optional<Error> refused;
-  const auto fit = [&](std::span<const int> members) -> std::optional<Mat3> {
-    std::vector<Vec2> pa, pb;
-    for (int i : members) {
-      pa.push_back(a[static_cast<std::size_t>(i)]);
-      pb.push_back(b[static_cast<std::size_t>(i)]);
-    }
-    if (pa.size() < kSample) return std::nullopt;
-    const auto H = homography(pa, pb);
-    refused = H ? std::nullopt : std::optional<Error>(H.error());
-    return H ? std::optional<Mat3>(*H) : std::nullopt;
-  };
   auto found = detail::find_consensus<Mat3>(
-      n, kSample, options,
+      static_cast<int>(a.size()), kSample, options,
       [&](std::span<const int> s, std::vector<Mat3>& out) {
         std::array<Vec2, kSample> pa, pb;
         for (std::size_t k = 0; k < kSample; ++k) {
@@ -119,26 +147,22 @@ Result<Found<Mat3>> homography_ransac(std::span<const Vec2> a, std::span<const V
         if (const auto H = homography_from_four(pa, pb)) out.push_back(*H);
       },
       [&](const Mat3& H, int first, std::span<double> e2) { transfer_errors(H, points, first, e2); },
-      [&](const Mat3&, std::span<const int> inliers) { return fit(inliers); });
+      [&](const Mat3&, std::span<const int> inliers) -> std::optional<Mat3> {
+        if (inliers.size() < kSample) return std::nullopt;
+        const auto H = fit(a, b, inliers);
+        return H ? std::optional<Mat3>(*H) : std::nullopt;
+      });
   if (!found) {
     return Error{
         ErrorCode::kDegenerate,
         fmt::format("no four of the {} correspondences that were drawn have a homography that keeps them "
                     "on one side of its horizon: the points lie on a line, or do not correspond",
-                    n),
+                    a.size()),
         kWhere};
   }
-  const int n_inliers = found->consensus.n_inliers;
-  if (n > kSample && n_inliers <= kSample) {
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format("{} of {} correspondences agree within {:g} px, which four of any do: the points do not "
-                    "correspond, are not those of one plane, or inlier_px is too small",
-                    n_inliers, n, options.inlier_px),
-        kWhere};
-  }
+  if (const auto e = refuse_chance(*found, points)) return *e;
   // Whether the inliers determine H, with homography()'s own reasons.
-  if (!fit(detail::inlier_indices(found->consensus)) && refused) return *refused;
+  if (const auto H = fit(a, b, detail::inlier_indices(found->consensus)); !H) return H.error();
   return std::move(*found);
 }
 

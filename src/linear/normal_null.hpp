@@ -53,7 +53,9 @@ std::optional<NormalNull<N>> null_of_normal(const Eigen::Matrix<double, N, N>& G
   constexpr double kSmallestGap = 1e-8;  // (1e-4)^2: one correction leaves the square of 1e-16 / 1e-8
   constexpr int kMaxIterations = 12, kNextIterations = 6;
   const double trace = G.trace();
-  const auto L = cholesky_factor<N>(G + N * kShift * trace * Matrix::Identity());
+  if (!(trace > 0) || !std::isfinite(trace)) return std::nullopt;
+  const Matrix unit = G / trace;
+  const auto L = cholesky_factor<N>(unit + N * kShift * Matrix::Identity());
   if (!L) return std::nullopt;
   Vector v;
   for (int i = 0; i < N; ++i) v[i] = 1 + 0.37 * ((7 * i) % 5) - 0.21 * ((3 * i) % 4);  // of no symmetry
@@ -71,13 +73,13 @@ std::optional<NormalNull<N>> null_of_normal(const Eigen::Matrix<double, N, N>& G
     inverse.col(i) = x - v.dot(x) * v;
   }
   // Its trace bounds the eigenvalue after v's from below, its largest eigenvector is the one wanted.
-  if (!(1 / inverse.trace() > kSmallestGap * trace)) return std::nullopt;
+  if (!(1 / inverse.trace() > kSmallestGap)) return std::nullopt;
   Eigen::Index largest = 0;
   inverse.diagonal().maxCoeff(&largest);
   Vector next = inverse.col(largest).normalized();
   for (int k = 0; k < kNextIterations; ++k) next = (inverse * next).normalized();
-  v = (v - inverse * gradient(v)).normalized();
-  return NormalNull<N>{v, next, std::sqrt(next.dot(G * next) / trace)};
+  v = (v - inverse * (gradient(v) / trace)).normalized();
+  return NormalNull<N>{v, next, std::sqrt(next.dot(unit * next))};
 }
 
 }  // namespace plumbline::detail

@@ -31,6 +31,17 @@ struct SymEigen {
 };
 SymEigen sym_eigen(const MatX& A);
 
+/// The same of a 2x2 or 3x3 matrix, without allocation.
+template <int N>
+struct SymEigenFixed {
+  Eigen::Matrix<double, N, 1> values;
+  Eigen::Matrix<double, N, N> vectors;
+};
+template <int N>
+SymEigenFixed<N> sym_eigen_fixed(const Eigen::Matrix<double, N, N>& A);
+extern template SymEigenFixed<2> sym_eigen_fixed<2>(const Mat2& A);
+extern template SymEigenFixed<3> sym_eigen_fixed<3>(const Mat3& A);
+
 /// x with A x = b for symmetric positive definite A, or nullopt when the Cholesky factor does not exist.
 std::optional<MatX> solve_spd(const MatX& A, const MatX& b);
 
