@@ -70,6 +70,22 @@ TEST(Homography, ExactWithoutNoise) {
   }
 }
 
+TEST(Homography, TenThousandProblemsWithoutNoise) {
+  Rng rng(8);
+  int good = 0, wrong = 0;
+  for (int i = 0; i < 10000; ++i) {
+    const Mat3 truth = random_homography(rng);
+    const auto a = random_points(rng, 8 + i % 20);
+    const auto H = homography(a, map_points(truth, a));
+    if (!H) continue;
+    const double error = (*H - truth).norm();
+    good += error < 1e-9;
+    wrong += error > 1e-6;
+  }
+  EXPECT_GE(good, 9900);
+  EXPECT_EQ(wrong, 0);
+}
+
 TEST(Homography, TheSignMakesTheFirstPointPositive) {
   Rng rng(2);
   for (int i = 0; i < 50; ++i) {
