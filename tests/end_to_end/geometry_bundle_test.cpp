@@ -150,6 +150,8 @@ TEST(GeometryBundle, BadInputHasItsMessage) {
   expect(in + out + " --loss l1", 2, "squared, huber:SIGMAS");
   expect(in + out + " --free-intrinsics f", 1, "no lens has a parameter of this name");
   expect(in + out + " --structure j.gif", 2, ".svg or .png");
+  expect(in + out + " --structure " + (dir / "nowhere" / "j.svg").string(), 1, "does not exist");
+  expect(in + out + " --max-iterations 1 --free-intrinsics all", 1, "kNotConverged");
   expect(in + " -o /dev/full/x.txt", 1, "");
   expect(in, 2, "--output is required");
   std::filesystem::remove(dir / "in" / "points3D.txt");
