@@ -43,13 +43,17 @@ Vec3 vec3(const io::Field& field) {
 
 Result<SE3> from_yaml(const io::Field& root) {
   if (root.is_sequence()) return io::value_or_throw(from_numbers(root.numbers()), root);
-  if (const auto T = root.find("T")) return io::value_or_throw(from_numbers(T->numbers()), *T);
+  std::optional<SE3> whole;
   std::optional<Mat3> R;
   const auto once = [&](const io::Field& field, const Mat3& value) {
     // An answer of ours has several of them that mean the same; two that differ are a contradiction.
     if (R && (*R - value).norm() > 1e-4) field.fail("this rotation contradicts another one of the file");
     if (!R) R = value;
   };
+  if (const auto f = root.find("T")) {
+    whole = io::value_or_throw(from_numbers(f->numbers()), *f);
+    once(*f, whole->R());
+  }
   if (const auto f = root.find("R")) {
     const auto m = f->numbers(9);
     Mat3 M;
@@ -65,6 +69,9 @@ Result<SE3> from_yaml(const io::Field& root) {
   }
   auto t = root.find("t");
   if (!t) t = root.find("translation_m");
+  if (whole && t && (vec3(*t) - whole->t()).norm() > 1e-4 * (1 + whole->t().norm()))
+    t->fail("this translation contradicts T of the file");
+  if (whole) return *whole;
   if (!R && !t) {
     root.fail(
         "no transform: neither T nor a rotation (R, quaternion_wxyz, rotation_rad, rvec_rad) nor a "

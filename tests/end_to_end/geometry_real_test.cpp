@@ -32,8 +32,8 @@ const std::string kBoof = "boofcv_calibration",
                   kJy = "opencv_extra/cameracalibration/fisheye/calib-3_stereo_from_JY";
 
 // Depth is uncertain by Z^2 / (f b) sigma sqrt(2): with sigma 0.15 px, and boards at five to ten baselines
-// that measure three baselines or more, some 0.3 % of the diagonal. Three times that is asked for; the narrow
-// rigs (board further away for their baseline) are given more.
+// that measure three baselines or more, some 0.3 % of the diagonal. Three times that is asked for. The boards
+// are those that calibrated the rig: this holds triangulation, not the calibration, to them.
 std::vector<Pair> pairs() {
   return {
       {"demo", "opencv_leftright/left*.jpg", "opencv_leftright/right*.jpg", "9x6", "opencv5", 0.01},

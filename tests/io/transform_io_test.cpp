@@ -41,6 +41,10 @@ TEST(TransformFile, FaultsAreNamed) {
   EXPECT_THAT(fault("1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1"), HasSubstr("last row"));
   EXPECT_THAT(fault("quaternion_wxyz: [1, 1, 0, 0]"), HasSubstr("quaternion_wxyz, line 1"));
   EXPECT_THAT(fault("R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nrvec_rad: [0, 0, 1]"), HasSubstr("contradicts"));
+  const std::string T = "T: [1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7, 0, 0, 0, 1]\n";
+  EXPECT_THAT(fault(T + "R: [0, -1, 0, 1, 0, 0, 0, 0, 1]"), HasSubstr("contradicts"));
+  EXPECT_THAT(fault(T + "t: [5, 6, 8]"), HasSubstr("contradicts"));
+  EXPECT_EQ(parse_transform(T + "R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nt: [5, 6, 7]").value().t(), Vec3(5, 6, 7));
   EXPECT_THAT(fault("x: 1"), HasSubstr("no transform"));
   EXPECT_THAT(fault("t: [1, 2]"), HasSubstr("3 numbers are needed"));
 }

@@ -67,15 +67,18 @@ TEST(Fundamental8Point, EightPairsAreEnough) {
 
 TEST(Fundamental8Point, HasRankTwoAndItsEpipoles) {
   Rng rng(3);
+  int answers = 0;
   for (int i = 0; i < 500; ++i) {
     const TwoViews s = two_views(rng, 15, Scene::kDeep, 0.3);
     const auto F = fundamental_8point(s.px1, s.px2);
     if (!F) continue;
+    ++answers;
     EXPECT_NEAR(F->norm(), 1, 1e-14);
     const Epipoles e = epipoles(*F);
     EXPECT_LT((*F * e.e1).norm(), 1e-12);
     EXPECT_LT((F->transpose() * e.e2).norm(), 1e-12);
   }
+  EXPECT_GE(answers, 450);  // a scene may come out too flat to tell from a plane
 }
 
 TEST(Fundamental8Point, AgreesWithOpenCv) {

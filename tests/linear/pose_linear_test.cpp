@@ -47,11 +47,15 @@ TEST(PoseLinear, IsExactWithoutNoise) {
 
 TEST(PoseLinear, SixPointsSuffice) {
   Rng rng(2);
+  int answers = 0;
   for (int i = 0; i < 200; ++i) {
     const Problem q = random_problem(rng, 6);
     const auto pose = pose_linear(q.p_world, q.rays_cam);
-    if (pose) EXPECT_LT(box_minus(*pose, q.T_cam_world).norm(), 1e-6) << "problem " << i;
+    if (!pose) continue;
+    ++answers;
+    EXPECT_LT(box_minus(*pose, q.T_cam_world).norm(), 1e-6) << "problem " << i;
   }
+  EXPECT_GE(answers, 190);  // six points may come near a plane or a cubic
 }
 
 TEST(PoseLinear, RefusesWhatDoesNotDetermineAPose) {
