@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "plumbline/refine/fundamental.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <vector>
 
 #include "plumbline/core/linalg.hpp"
 #include "plumbline/geometry/so3.hpp"
-#include "refine/sampson.hpp"
-#include "refine/small_solve.hpp"
+#include "refine/projective.hpp"
+#include "refine/sampson_fit.hpp"
 
 namespace plumbline {
 namespace {
@@ -33,7 +31,7 @@ struct Orthonormal {
     p = std::atan2(d.s[1], d.s[0]);
   }
 
-  Mat3 F() const { return U * Vec3(std::cos(p), std::sin(p), 0).asDiagonal() * V.transpose(); }
+  Mat3 matrix() const { return U * Vec3(std::cos(p), std::sin(p), 0).asDiagonal() * V.transpose(); }
 
   // d = [turn of U | turn of V | dp], each in its own frame.
   Orthonormal plus(const Vec7& d) const {
@@ -58,26 +56,15 @@ struct Orthonormal {
   }
 };
 
-// Pixels scaled about their centroid to an RMS distance of sqrt(2).
-struct Normalised {
-  Mat3 T = Mat3::Identity();
-  std::vector<detail::MovingVector> points;
-
-  explicit Normalised(std::span<const Vec2> px) {
-    Vec2 centre = Vec2::Zero();
-    const double n = static_cast<double>(px.size());
-    for (const Vec2& p : px) centre += p / n;
-    double sum = 0;
-    for (const Vec2& p : px) sum += (p - centre).squaredNorm();
-    const double scale = sum > 0 ? std::sqrt(2 * n / sum) : 1.0;
-    T << scale, 0, -scale * centre.x(), 0, scale, -scale * centre.y(), 0, 0, 1;
-    for (const Vec2& p : px) {
-      detail::MovingVector v{(scale * (p - centre)).homogeneous(), {}};
-      v.J_v_px << scale, 0, 0, scale, 0, 0;
-      points.push_back(v);
-    }
+std::vector<detail::MovingVector> lifted(std::span<const Vec2> px, const detail::Similarity<2>& T) {
+  std::vector<detail::MovingVector> out;
+  for (const Vec2& p : T(px)) {
+    detail::MovingVector v{p.homogeneous(), {}};
+    v.J_v_px << T.scale, 0, 0, T.scale, 0, 0;
+    out.push_back(v);
   }
-};
+  return out;
+}
 
 // Of the unit F' = M / |M|, M = T2' F T1, row after row, from the covariance of F, column after column.
 Mat9 denormalised_covariance(const Mat9& covariance, const Mat3& M, const Mat3& T1, const Mat3& T2) {
@@ -108,45 +95,24 @@ Result<RefinedFundamental> refine_fundamental(const Mat3& start, std::span<const
                  "a coordinate or the start is not a finite number, or the start is zero; remove that pair",
                  kWhere};
   }
-  const Normalised a(px1), b(px2);
-  const auto evaluate = [&](const Orthonormal& state, detail::NormalEquations<7>& out) {
-    const Mat3 F = state.F();
-    const Mat97 J = state.derivative();
-    for (std::size_t i = 0; i < a.points.size(); ++i) {
-      const detail::SampsonTerm term = detail::sampson_term(F, a.points[i], b.points[i]);
-      out.add<1>(Eigen::Matrix<double, 1, 1>(term.value / sigma_px),
-                 Eigen::Matrix<double, 1, 7>(term.d_M.reshaped().transpose() * J / sigma_px));
-    }
-    return true;
-  };
-  const Mat3 normalised = b.T.inverse().transpose() * start * a.T.inverse();
-  const auto solution = detail::solve_small<7>(Orthonormal(normalised), evaluate,
-                                               [](const Orthonormal& s, const Vec7& d) { return s.plus(d); });
-  const auto covariance = solution ? detail::spd_inverse<7>(solution->equations.A) : std::nullopt;
-  if (solution && !covariance) {
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format("the {} pairs leave the fundamental matrix undetermined: the scene is a plane or "
-                    "the camera only turned; use a homography, or points at different depths",
-                    px1.size()),
-        kWhere};
-  }
-  if (!solution || !detail::is_settled(*solution, *covariance)) {
-    return Error{
-        ErrorCode::kNotConverged,
-        fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                    "start from fundamental_ransac()",
-                    px1.size()),
-        kWhere};
-  }
-  const Mat3 F = solution->state.F(), M = b.T.transpose() * F * a.T;
-  const Mat97 J = solution->state.derivative();
+  const detail::Similarity<2> similarity_1(px1), similarity_2(px2);
+  const Mat3 T1 = similarity_1.matrix(), T2 = similarity_2.matrix();
+  const Mat3 normalised = T2.inverse().transpose() * start * T1.inverse();
+  const auto fit = detail::fit_sampson<7>(Orthonormal(normalised), lifted(px1, similarity_1),
+                                          lifted(px2, similarity_2), sigma_px,
+                                          {kWhere,
+                                           "the fundamental matrix undetermined: the scene is a plane or the "
+                                           "camera only turned; use a homography, or "
+                                           "points at different depths",
+                                           "fundamental_ransac()"});
+  if (!fit) return fit.error();
+  const Mat3 M = T2.transpose() * fit->state.matrix() * T1;
+  const Mat97 J = fit->state.derivative();
   RefinedFundamental out;
   out.F = M / M.norm();
-  out.covariance = denormalised_covariance(J * *covariance * J.transpose(), M, a.T, b.T);
-  out.rms_px = sigma_px *
-               std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
-  out.iterations = solution->iterations;
+  out.covariance = denormalised_covariance(J * fit->covariance * J.transpose(), M, T1, T2);
+  out.rms_px = fit->rms_px;
+  out.iterations = fit->iterations;
   return out;
 }
 

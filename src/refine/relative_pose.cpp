@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "plumbline/geometry/so3.hpp"
-#include "refine/sampson.hpp"
-#include "refine/small_solve.hpp"
+#include "refine/sampson_fit.hpp"
 
 namespace plumbline {
 namespace {
@@ -31,7 +30,9 @@ struct State {
   State plus(const Vec5& d) const {
     return {so3_exp(Vec3(d.head<3>())) * R, (t + across() * d.tail<2>()).normalized()};
   }
-  Mat3 E() const { return skew(t) * R; }
+  Mat3 matrix() const {  // E
+    return skew(t) * R;
+  }
   // d vec(E) / d step, column-major.
   Eigen::Matrix<double, 9, 5> derivative() const {
     Eigen::Matrix<double, 9, 5> J;
@@ -76,44 +77,19 @@ Result<RefinedRelativePose> refine_relative_pose(const SE3& start_T_2_1, const L
     }
     a.push_back(*first), b.push_back(*second);
   }
-  const auto evaluate = [&](const State& state, detail::NormalEquations<5>& out) {
-    const Mat3 E = state.E();
-    const Eigen::Matrix<double, 9, 5> J = state.derivative();
-    for (std::size_t i = 0; i < a.size(); ++i) {
-      const detail::SampsonTerm term = detail::sampson_term(E, a[i], b[i]);
-      out.add<1>(Eigen::Matrix<double, 1, 1>(term.value / sigma_px),
-                 Eigen::Matrix<double, 1, 5>(term.d_M.reshaped().transpose() * J / sigma_px));
-    }
-    return true;
-  };
-  const auto solution = detail::solve_small<5>(State{start_T_2_1.R(), start_T_2_1.t() / baseline}, evaluate,
-                                               [](const State& s, const Vec5& d) { return s.plus(d); });
-  const auto covariance = solution ? detail::spd_inverse<5>(solution->equations.A) : std::nullopt;
-  if (solution && !covariance) {
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format("the {} pairs leave the relative pose undetermined: the camera only turned; move "
-                    "the camera between the views",
-                    px1.size()),
-        kWhere};
-  }
-  if (!solution || !detail::is_settled(*solution, *covariance)) {
-    return Error{
-        ErrorCode::kNotConverged,
-        fmt::format("no minimum of the Sampson distances of {} pairs was reached; remove outliers, or "
-                    "start from essential_ransac()",
-                    px1.size()),
-        kWhere};
-  }
+  const auto fit = detail::fit_sampson<5>(
+      State{start_T_2_1.R(), start_T_2_1.t() / baseline}, a, b, sigma_px,
+      {kWhere, "the relative pose undetermined: the camera only turned; move the camera between the views",
+       "essential_ransac()"});
+  if (!fit) return fit.error();
   Eigen::Matrix<double, 6, 5> J = Eigen::Matrix<double, 6, 5>::Zero();
   J.topLeftCorner<3, 3>().setIdentity();
-  J.bottomRightCorner<3, 2>() = solution->state.across();
+  J.bottomRightCorner<3, 2>() = fit->state.across();
   RefinedRelativePose out;
-  out.T_2_1 = SE3(solution->state.R, solution->state.t);
-  out.covariance = J * *covariance * J.transpose();
-  out.rms_px = sigma_px *
-               std::sqrt(2 * solution->equations.cost / static_cast<double>(solution->equations.n_residuals));
-  out.iterations = solution->iterations;
+  out.T_2_1 = SE3(fit->state.R, fit->state.t);
+  out.covariance = J * fit->covariance * J.transpose();
+  out.rms_px = fit->rms_px;
+  out.iterations = fit->iterations;
   return out;
 }
 
