@@ -126,7 +126,9 @@ void robust_solve(Calibration& cal, const RefineOptions& options, const std::vec
                          .use_sigma = false,
                          .max_iterations = std::min(60, options.max_iterations),
                          .tight = false,
-                         .held = held};
+                         .held = held,
+                         .solver = options.solver,
+                         .n_threads = options.n_threads};
     if (!solve(trial, spec).usable) return;
     cal = std::move(trial);
     bring_back(cal);
@@ -142,7 +144,9 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
                        .use_sigma = options.use_sigma,
                        .max_iterations = options.max_iterations,
                        .tight = true,
-                       .held = held};
+                       .held = held,
+                       .solver = options.solver,
+                       .n_threads = options.n_threads};
   SolveReport report;
   int iterations = 0;
   if (options.mark_outliers)

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "plumbline/core/text.hpp"
+#include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 
@@ -146,7 +147,7 @@ class Blocks {
 
 }  // namespace
 
-SolveReport solve(Calibration& cal, const SolveSpec& spec) {
+SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
@@ -192,6 +193,11 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   report.termination = one_line(summary.message);
   return report;
+}
+
+SolveReport solve(Calibration& cal, const SolveSpec& spec) {
+  if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
+  return solve_blocks(cal, spec);
 }
 
 int evaluate(Calibration& cal) {

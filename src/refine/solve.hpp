@@ -17,9 +17,11 @@ struct SolveSpec {
   double loss_scale = 1.0;
   bool use_sigma = false;
   int max_iterations = 200;
-  bool tight = true;         ///< false: stop at 1e-7 relative change, for seeds
-  std::vector<bool> held;    ///< over shared_parameter_names(); empty: none
-  bool hold_boards = false;  ///< move no board pose
+  bool tight = true;            ///< false: stop at 1e-7 relative change, for seeds
+  std::vector<bool> held = {};  ///< over shared_parameter_names(); empty: none
+  bool hold_boards = false;     ///< move no board pose
+  Solver solver = Solver::kBlocks;
+  int n_threads = 1;  ///< of the block solver
 };
 
 struct SolveReport {
@@ -30,9 +32,12 @@ struct SolveReport {
   std::string termination;
 };
 
-/// Minimises the reprojection error in place, on one thread. Not usable when a corner that takes part does
-/// not project at the start.
+/// Minimises the reprojection error in place. Not usable when a corner that takes part does not project at
+/// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
+
+/// The reference: Ceres on one thread, one cost for each view.
+SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "plumbline/lens/concept.hpp"
+#include "plumbline/lens/distorted.hpp"
 #include "plumbline/lens/polynomial.hpp"
 
 namespace plumbline {
@@ -55,50 +56,63 @@ struct BrownConrady {
     return {focal_px, focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1), {}};
   }
 
+  /// Distorted coordinates m = (x'', y'') of a point inside the domain; V is double, or a pack of doubles for
+  /// as many points. On request d(m)/d(p_cam), row by row, and d(m)/d(d): N pairs.
+  template <class V>
+  void distort(const V& X, const V& Y, const V& Z, V* m, V* J_m_p, V* J_m_d) const {
+    const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = at(4);
+    const V iz = 1.0 / Z, x = X * iz, y = Y * iz, xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
+    const V n = 1.0 + s * (k1 + s * (k2 + s * k3)), a = s + 2.0 * xx, b = s + 2.0 * yy;
+    V iq = 1.0 + 0.0 * s, c = n;
+    if constexpr (N >= 8) {
+      iq = 1.0 / (1.0 + s * (at(5) + s * (at(6) + s * at(7))));
+      c = n * iq;
+    }
+    m[0] = x * c + (2 * p1) * xy + p2 * a;
+    m[1] = y * c + p1 * b + (2 * p2) * xy;
+    if constexpr (N >= 12) {
+      m[0] = m[0] + s * (at(8) + s * at(9));
+      m[1] = m[1] + s * (at(10) + s * at(11));
+    }
+    if (J_m_p) {
+      // d(xd, yd)/d(x, y), with c_s = dc/ds; the prism terms add 2 x (s1 + 2 s2 s) and so on.
+      V c_s = k1 + s * (2 * k2 + (3 * k3) * s);
+      if constexpr (N >= 8) c_s = (c_s - c * (at(5) + s * (2 * at(6) + (3 * at(7)) * s))) * iq;
+      const V mixed = 2.0 * (xy * c_s + p1 * x + p2 * y);
+      V xd_x = c + 2.0 * xx * c_s + (2 * p1) * y + (6 * p2) * x, xd_y = mixed;
+      V yd_y = c + 2.0 * yy * c_s + (6 * p1) * y + (2 * p2) * x, yd_x = mixed;
+      if constexpr (N >= 12) {
+        const V ux = at(8) + (2 * at(9)) * s, uy = at(10) + (2 * at(11)) * s;
+        xd_x = xd_x + 2.0 * x * ux, xd_y = xd_y + 2.0 * y * ux;
+        yd_y = yd_y + 2.0 * y * uy, yd_x = yd_x + 2.0 * x * uy;
+      }
+      J_m_p[0] = xd_x * iz, J_m_p[1] = xd_y * iz, J_m_p[2] = -(x * J_m_p[0] + y * J_m_p[1]);
+      J_m_p[3] = yd_x * iz, J_m_p[4] = yd_y * iz, J_m_p[5] = -(x * J_m_p[3] + y * J_m_p[4]);
+    }
+    if (J_m_d) {
+      const V si = s * iq, u1 = x * si, u2 = u1 * s, v1 = y * si, v2 = v1 * s;
+      J_m_d[0] = u1, J_m_d[1] = v1, J_m_d[2] = u2, J_m_d[3] = v2;
+      J_m_d[4] = 2.0 * xy, J_m_d[5] = b, J_m_d[6] = a, J_m_d[7] = 2.0 * xy;
+      if constexpr (N >= 5) J_m_d[8] = u2 * s, J_m_d[9] = v2 * s;
+      if constexpr (N >= 8) {
+        for (int i = 0; i < 2; ++i) {
+          J_m_d[10 + i] = -(c * J_m_d[i]), J_m_d[12 + i] = -(c * J_m_d[2 + i]),
+                     J_m_d[14 + i] = -(c * J_m_d[8 + i]);
+        }
+      }
+      if constexpr (N >= 12) {
+        const V zero = 0.0 * s, ss = s * s;
+        J_m_d[16] = s, J_m_d[17] = zero, J_m_d[18] = ss, J_m_d[19] = zero;
+        J_m_d[20] = zero, J_m_d[21] = s, J_m_d[22] = zero, J_m_d[23] = ss;
+      }
+    }
+  }
+
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<BrownConrady>* J_px_k = nullptr) const {
     const double iz = 1 / p_cam.z(), x = p_cam.x() * iz, y = p_cam.y() * iz;
-    const double xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
-    if (!(iz > 0) || !in_domain(s)) return std::nullopt;  // iz: 0 for z = inf, NaN for NaN
-    const double k1 = d[0], k2 = d[1], p1 = d[2], p2 = d[3], k3 = at(4);
-    const double n = 1 + s * (k1 + s * (k2 + s * k3));
-    double iq = 1, c = n;
-    if constexpr (N >= 8) {
-      iq = 1 / (1 + s * (at(5) + s * (at(6) + s * at(7))));
-      c = n * iq;
-    }
-    const double a = s + 2 * xx, b = s + 2 * yy;
-    double xd = x * c + 2 * p1 * xy + p2 * a, yd = y * c + p1 * b + 2 * p2 * xy;
-    if constexpr (N >= 12) {
-      xd += s * (at(8) + s * at(9));
-      yd += s * (at(10) + s * at(11));
-    }
-    const Vec2 px(fx * xd + cx, fy * yd + cy);
-    if (!std::isfinite(px.x() + px.y())) return std::nullopt;
-
-    if (J_px_p) {
-      // d(xd, yd)/d(x, y), with c_s = dc/ds; the prism terms add 2 x (s1 + 2 s2 s) and so on.
-      double c_s = k1 + s * (2 * k2 + 3 * s * k3), ux = 0, uy = 0;
-      if constexpr (N >= 8) c_s = (c_s - c * (at(5) + s * (2 * at(6) + 3 * s * at(7)))) * iq;
-      if constexpr (N >= 12) ux = at(8) + 2 * at(9) * s, uy = at(10) + 2 * at(11) * s;
-      const double mixed = 2 * (xy * c_s + p1 * x + p2 * y);
-      const double xd_x = c + 2 * xx * c_s + 2 * p1 * y + 6 * p2 * x + 2 * x * ux, xd_y = mixed + 2 * y * ux;
-      const double yd_y = c + 2 * yy * c_s + 6 * p1 * y + 2 * p2 * x + 2 * y * uy, yd_x = mixed + 2 * x * uy;
-      const double u0 = fx * xd_x * iz, u1 = fx * xd_y * iz, v0 = fy * yd_x * iz, v1 = fy * yd_y * iz;
-      *J_px_p << u0, u1, -(x * u0 + y * u1), v0, v1, -(x * v0 + y * v1);
-    }
-    if (J_px_k) {
-      auto& J = *J_px_k;
-      const double u1 = fx * x * s * iq, u2 = u1 * s, u3 = u2 * s, v1 = fy * y * s * iq, v2 = v1 * s,
-                   v3 = v2 * s;
-      J.template leftCols<8>() << xd, 0, 1, 0, u1, u2, fx * 2 * xy, fx * a,  //
-          0, yd, 0, 1, v1, v2, fy * b, fy * 2 * xy;
-      if constexpr (N >= 5) J.col(8) << u3, v3;
-      if constexpr (N >= 8)
-        J.template middleCols<3>(9) << -c * u1, -c * u2, -c * u3, -c * v1, -c * v2, -c * v3;
-      if constexpr (N >= 12) J.template rightCols<4>() << fx * s, fx * s * s, 0, 0, 0, 0, fy * s, fy * s * s;
-    }
-    return px;
+    if (!(iz > 0) || !in_domain(x * x + y * y)) return std::nullopt;  // iz: 0 for z = inf, NaN for NaN
+    return detail::project_distorted(*this, p_cam, J_px_p, J_px_k);
   }
 
   template <class T>

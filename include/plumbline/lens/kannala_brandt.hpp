@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "plumbline/lens/concept.hpp"
+#include "plumbline/lens/distorted.hpp"
 #include "plumbline/lens/polynomial.hpp"
 
 namespace plumbline {
@@ -35,38 +36,42 @@ struct KannalaBrandt4 {
     return {focal_px, focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1), 0, 0, 0, 0};
   }
 
+  /// m = d(theta) (X, Y) / r of a point inside the domain; V is double, or a pack of doubles for as many
+  /// points. On request d(m)/d(p_cam), row by row, and d(m)/d(k1..k4): four pairs.
+  template <class V>
+  void distort(const V& X, const V& Y, const V& Z, V* m, V* J_m_p, V* J_m_d) const {
+    using detail::select;
+    using std::atan2;
+    using std::sqrt;
+    const V rr = X * X + Y * Y, r = sqrt(rr), nn = rr + Z * Z, theta = atan2(r, Z), s = theta * theta;
+    const V c = 1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4)));  // d(theta) / theta
+    // g = d(theta)/r: m = g X. On the axis theta/r -> 1/Z; straight back it grows without bound instead.
+    const auto on_axis = r < 1e-9 * Z;
+    const V inv_r = 1.0 / r, theta_r = select(on_axis, 1.0 / Z, theta * inv_r), g = c * theta_r;
+    m[0] = g * X, m[1] = g * Y;
+    if (J_m_p) {
+      const V d_theta = 1.0 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * (9 * k4))));
+      // dg/dr / r = (d'(theta) Z / nn - g) / rr, and dg/dZ = -d'(theta) / nn
+      const V g_z = -(d_theta / nn), g_r = select(on_axis, 0.0 * Z, -((g_z * Z + g) * inv_r * inv_r));
+      J_m_p[0] = g + X * X * g_r, J_m_p[1] = X * Y * g_r, J_m_p[2] = X * g_z;
+      J_m_p[3] = J_m_p[1], J_m_p[4] = g + Y * Y * g_r, J_m_p[5] = Y * g_z;
+    }
+    if (J_m_d) {
+      J_m_d[0] = X * theta_r * s, J_m_d[1] = Y * theta_r * s;
+      for (int i = 2; i < 8; ++i) J_m_d[i] = J_m_d[i - 2] * s;
+    }
+  }
+
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<KannalaBrandt4>* J_px_k = nullptr) const {
-    const double X = p_cam.x(), Y = p_cam.y(), Z = p_cam.z(), rr = X * X + Y * Y, r = std::sqrt(rr);
-    const double nn = rr + Z * Z;
+    const double nn = p_cam.squaredNorm();
     if (!(nn > 0 && nn < std::numeric_limits<double>::infinity())) return std::nullopt;
-    const double theta = std::atan2(r, Z), s = theta * theta;
+    const double theta = std::atan2(std::hypot(p_cam.x(), p_cam.y()), p_cam.z());
     if (!(theta < std::numbers::pi) ||
-        !detail::positive_on(std::array<double, 5>{1, 3 * k1, 5 * k2, 7 * k3, 9 * k4}, s)) {
+        !detail::positive_on(std::array<double, 5>{1, 3 * k1, 5 * k2, 7 * k3, 9 * k4}, theta * theta)) {
       return std::nullopt;
     }
-    const double c = 1 + s * (k1 + s * (k2 + s * (k3 + s * k4)));  // d(theta) / theta
-    // g = d(theta)/r: px = f g X. On the axis theta/r -> 1/Z; straight back it grows without bound instead.
-    const bool on_axis = r < 1e-9 * Z;
-    const double inv_r = 1 / r, theta_r = on_axis ? 1 / Z : theta * inv_r, g = c * theta_r;
-    const double mx = g * X, my = g * Y;
-    const Vec2 px(fx * mx + cx, fy * my + cy);
-    if (!std::isfinite(px.x() + px.y())) return std::nullopt;
-    if (J_px_p) {
-      const double d_theta = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)));
-      // dg/dr / r = (d'(theta) Z / nn - g) / rr, and dg/dZ = -d'(theta) / nn
-      const double g_z = -d_theta / nn, g_r = on_axis ? 0.0 : -(g_z * Z + g) * inv_r * inv_r;
-      *J_px_p << fx * (g + X * X * g_r), fx * X * Y * g_r, fx * X * g_z,  //
-          fy * X * Y * g_r, fy * (g + Y * Y * g_r), fy * Y * g_z;
-    }
-    if (J_px_k) {
-      auto& J = *J_px_k;
-      J.leftCols<4>() << mx, 0, 1, 0, 0, my, 0, 1;
-      const double u1 = fx * X * theta_r * s, u2 = u1 * s, u3 = u2 * s, v1 = fy * Y * theta_r * s,
-                   v2 = v1 * s, v3 = v2 * s;
-      J.rightCols<4>() << u1, u2, u3, u3 * s, v1, v2, v3, v3 * s;
-    }
-    return px;
+    return detail::project_distorted(*this, p_cam, J_px_p, J_px_k);
   }
 
   template <class T>

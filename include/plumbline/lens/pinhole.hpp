@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "plumbline/lens/concept.hpp"
+#include "plumbline/lens/distorted.hpp"
 
 namespace plumbline {
 
@@ -22,14 +23,21 @@ struct Pinhole {
     return {focal_px, focal_px, 0.5 * (size.width - 1), 0.5 * (size.height - 1)};
   }
 
+  /// m = (x/z, y/z) of a point inside the domain; V is double, or a pack of doubles for as many points. On
+  /// request d(m)/d(p_cam), row by row.
+  template <class V>
+  void distort(const V& X, const V& Y, const V& Z, V* m, V* J_m_p, V* /*J_m_d*/) const {
+    const V iz = 1.0 / Z, zero = 0.0 * Z;
+    m[0] = X * iz, m[1] = Y * iz;
+    if (!J_m_p) return;
+    J_m_p[0] = iz, J_m_p[1] = zero, J_m_p[2] = -(m[0] * iz);
+    J_m_p[3] = zero, J_m_p[4] = iz, J_m_p[5] = -(m[1] * iz);
+  }
+
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<Pinhole>* J_px_k = nullptr) const {
-    const double iz = 1 / p_cam.z(), x = p_cam.x() * iz, y = p_cam.y() * iz;
-    const Vec2 px(fx * x + cx, fy * y + cy);
-    if (!(iz > 0) || !std::isfinite(px.x() + px.y())) return std::nullopt;  // iz: 0 for z = inf, NaN for NaN
-    if (J_px_p) *J_px_p << fx * iz, 0, -fx * x * iz, 0, fy * iz, -fy * y * iz;
-    if (J_px_k) *J_px_k << x, 0, 1, 0, 0, y, 0, 1;
-    return px;
+    if (!(1 / p_cam.z() > 0)) return std::nullopt;  // 0 for z = inf, NaN for NaN
+    return detail::project_distorted(*this, p_cam, J_px_p, J_px_k);
   }
 
   template <class T>

@@ -11,6 +11,10 @@ namespace plumbline {
 
 enum class Loss { kSquared, kHuber, kCauchy };
 enum class Start { kAuto, kZhang, kDlt };
+enum class Solver {
+  kBlocks,  ///< written for this problem's shape; Ceres where it does not apply
+  kCeres    ///< the reference: same optimum, slower
+};
 
 struct RefineOptions {
   std::vector<std::string> lenses{"opencv5"};  ///< one for all cameras, or one per camera in order
@@ -26,7 +30,8 @@ struct RefineOptions {
   std::vector<std::string> fixed;
   bool use_sigma = false;  ///< weight each corner by 1 / sigma_px
   int max_iterations = 200;
-  int n_threads = 0;  ///< for the seed only; results do not depend on it
+  Solver solver = Solver::kBlocks;
+  int n_threads = 0;  ///< <= 0: all cores; results do not depend on it
 };
 
 /// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "refine/block_solve.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "refine/block_normal.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
+// The cost is a sum of some ten thousand squares, good to some units in its last places.
+// Steps along a straight line are enough for ordinary lenses, and cost half.
+constexpr int kPlainIterations = 10;
+constexpr double kRounding = 1e-13;
+
+BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
+  BlockState state;
+  for (const Camera& camera : cal.rig.cameras) state.lenses.push_back(camera.lens);
+  state.T_cam_rig = cal.rig.T_cam_rig;
+  for (const BlockFrame& frame : problem.frames) state.T_rig_board.push_back(*cal.T_rig_board[frame.frame]);
+  return state;
+}
+
+void write_to(Calibration& cal, const BlockProblem& problem, const BlockState& state) {
+  for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
+  cal.rig.T_cam_rig = state.T_cam_rig;
+  for (std::size_t f = 0; f < problem.frames.size(); ++f)
+    cal.T_rig_board[problem.frames[f].frame] = state.T_rig_board[f];
+}
+
+BlockState moved(const BlockProblem& problem, const BlockState& state, const BlockVector& step) {
+  BlockState next = state;
+  for (std::size_t i = 0; i < next.lenses.size(); ++i) {
+    const auto k = params(next.lenses[i]);
+    for (std::size_t j = 0; j < k.size(); ++j)
+      k[j] += step.shared[problem.offsets.lens[i] + static_cast<int>(j)];
+    if (problem.offsets.pose[i] >= 0) {
+      const Vec6 d = step.shared.segment<6>(problem.offsets.pose[i]);
+      if (!d.isZero(0)) next.T_cam_rig[i] = box_plus(next.T_cam_rig[i], d);
+    }
+  }
+  for (std::size_t f = 0; f < next.T_rig_board.size(); ++f) {
+    if (!step.boards[f].isZero(0)) next.T_rig_board[f] = box_plus(next.T_rig_board[f], step.boards[f]);
+  }
+  return next;
+}
+
+bool focal_lengths_positive(const BlockState& state) {
+  return std::all_of(state.lenses.begin(), state.lenses.end(),
+                     [](const Lens& lens) { return params(lens)[0] > 0 && params(lens)[1] > 0; });
+}
+
+// The shared parameters that move: not held, and with any effect on a residual.
+std::vector<int> free_parameters(const BlockNormal& normal, const SolveSpec& spec) {
+  std::vector<int> free;
+  for (int i = 0; i < normal.g_s.size(); ++i) {
+    const bool held = !spec.held.empty() && spec.held[i];
+    if (!held && normal.A_ss(i, i) > 0) free.push_back(i);
+  }
+  return free;
+}
+
+// Adds half the geodesic acceleration to a step, so that it follows a curved valley to second order
+// (Transtrum & Sethna 2012): a = -(A + damping)^-1 J' r_vv, with the second derivative r_vv of the residuals
+// along v by a finite difference. Left alone where the acceleration is large beside the step, and the step
+// therefore not to be trusted.
+void bend(const BlockProblem& problem, const BlockState& state, const BlockNormal& normal,
+          const BlockFactor& factor, const BlockVector& g, BlockVector& v) {
+  constexpr double h = 0.1, kMostBend = 0.75;
+  BlockVector ahead = v;
+  ahead.shared *= h;
+  for (Vec6& d : ahead.boards) d *= h;
+  const auto g_ahead = mixed_gradient(problem, state, moved(problem, state, ahead));
+  if (!g_ahead) return;
+  BlockVector second = times(problem, normal, v);
+  second.shared = (g_ahead->shared - g.shared - h * second.shared) * (2 / (h * h));
+  for (std::size_t f = 0; f < v.boards.size(); ++f)
+    second.boards[f] = (g_ahead->boards[f] - g.boards[f] - h * second.boards[f]) * (2 / (h * h));
+  const auto a = factor.step(second);
+  if (!a || !(factor.scaled_square(*a) <= kMostBend * kMostBend * factor.scaled_square(v))) return;
+  v.shared += 0.5 * a->shared;
+  for (std::size_t f = 0; f < v.boards.size(); ++f) v.boards[f] += 0.5 * a->boards[f];
+}
+
+}  // namespace
+
+bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
+  if (spec.held.empty()) return true;
+  const Offsets offsets = offsets_of(cal.rig);
+  for (int at : offsets.pose) {
+    if (at < 0) continue;
+    const int n_held = spec.held[at] + spec.held[at + 1] + spec.held[at + 2];
+    if (n_held == 1 || n_held == 2) return false;
+  }
+  return true;
+}
+
+SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
+  const BlockProblem problem = block_problem(cal, spec);
+  SolveReport report;
+  if (problem.frames.empty()) return {.termination = "no corner to use"};
+  BlockState state = state_of(cal, problem);
+  auto normal = block_normal(problem, state);
+  if (!normal) return {.termination = "a corner lies outside its lens' domain at the start"};
+  const double tolerance = spec.tight ? 1e-14 : 1e-7;
+  double damping = kFirstDamping, growth = 2;
+  report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
+  while (report.iterations < spec.max_iterations) {
+    ++report.iterations;
+    const auto factor =
+        BlockFactor::make(problem, *normal, free_parameters(*normal, spec), spec.hold_boards, damping);
+    const BlockVector g = gradient(*normal);
+    auto step = factor ? factor->step(g) : std::nullopt;
+    double gain = 0, predicted = 0;
+    if (step) {
+      predicted = factor->predicted_gain(g, *step);
+      if (predicted <= tolerance * normal->cost + 1e-24) {
+        // In a flat valley the damping alone can make the step small: only an undamped one tells.
+        if (damping <= kUndamped) {
+          report.converged = true;
+          report.termination = fmt::format("converged: the next step would lower the cost by {:.1e} of it",
+                                           normal->cost > 0 ? predicted / normal->cost : 0.0);
+          break;
+        }
+        damping = std::max(1e-3 * damping, kLeastDamping);
+        continue;
+      }
+      if (report.iterations > kPlainIterations) bend(problem, state, *normal, *factor, g, *step);
+      BlockState next = moved(problem, state, *step);
+      if (focal_lengths_positive(next)) {
+        auto next_normal = block_normal(problem, next);
+        if (next_normal) gain = normal->cost - next_normal->cost;
+        if (gain > 0) {
+          state = std::move(next);
+          normal = std::move(next_normal);
+        }
+      }
+    }
+    if (gain > 0) {  // Nielsen 1999
+      const double ratio = 2 * gain / predicted - 1;
+      damping = std::max(kLeastDamping,
+                         damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
+      growth = 2;
+    } else if (step && predicted <= kRounding * normal->cost) {
+      report.converged = true;
+      report.termination = "converged: rounding hides what is left to gain";
+      break;
+    } else {
+      damping *= growth;
+      growth *= 2;
+      if (damping > kMostDamping) {
+        report.termination = "no step lowers the cost";
+        break;
+      }
+    }
+  }
+  report.cost = normal->cost;
+  report.usable = std::isfinite(report.cost);
+  write_to(cal, problem, state);
+  return report;
+}
+
+}  // namespace plumbline::detail

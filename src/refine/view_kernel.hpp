@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <optional>
+#include <vector>
+
+#include "plumbline/geometry/se3.hpp"
+#include "plumbline/lens/lens.hpp"
+#include "plumbline/refine/refine.hpp"
+#include "refine/reprojection_cost.hpp"
+
+/// The inner loop of the block solver: residuals and derivatives of all corners of one view, summed straight
+/// into one small symmetric matrix, several corners at a time. Compiled once for each instruction set; the
+/// widest that the processor has is chosen when the program runs. No Jacobian is stored.
+namespace plumbline::detail {
+
+/// The corners of one view in columns, padded with corners of weight 0 to a multiple of kPad.
+struct ViewCorners {
+  static constexpr int kPad = 8;
+  int n = 0;                    ///< without the padding
+  std::vector<double> columns;  ///< X, Y, Z [m, board]; u, v [px]; weight: six columns of n_padded() numbers
+  int n_padded() const { return (n + kPad - 1) / kPad * kPad; }
+  const double* column(int i) const { return columns.data() + static_cast<std::ptrdiff_t>(i) * n_padded(); }
+};
+ViewCorners view_corners(const std::vector<Observation>& observations);
+
+/// What one view asks of the kernel.
+struct ViewQuestion {
+  const Lens& lens;
+  SE3 T_cam_board;
+  const ViewCorners& corners;
+  Loss loss = Loss::kSquared;
+  double loss_scale = 1;
+};
+
+/// Sum over the corners of rho' J'J, J of size 2 x (n_params + 7), columns [lens parameters | dw dt |
+/// residual], where [dw (rad) | dt (m)] moves the board in the CAMERA's frame: R <- exp(dw) R, t <- t + dt
+/// for T_cam_board. rho' is the derivative of the loss (iterated re-weighting). `gram` is symmetric. `cost`
+/// is half the sum of rho, or nullopt when a corner lies outside the lens' domain; `gram` then means nothing.
+/// With gram == nullptr only the cost.
+std::optional<double> accumulate_view(const ViewQuestion& question, MatX* gram);
+
+/// J' W r of the same columns (n_params + 6), with derivatives J and weights W = rho' of the question's state
+/// and residuals r of another one; nullopt when a corner lies outside a lens' domain.
+std::optional<VecX> accumulate_second(const ViewQuestion& question, const Lens& other_lens,
+                                      const SE3& other_T_cam_board);
+
+/// "avx512", "avx2" or "baseline": the instruction set that accumulate_view() uses here.
+const char* kernel_name();
+
+}  // namespace plumbline::detail

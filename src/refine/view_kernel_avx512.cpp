@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+#define PLUMBLINE_PACK 8
+#if defined(PLUMBLINE_X86_KERNELS)
+#include "refine/view_kernel_body.hpp"
+
+namespace plumbline::detail {
+
+constexpr const Lens* kNoLens = nullptr;
+constinit const KernelSet kAvx512Kernels = kernels_of(kNoLens, "avx512");
+
+}  // namespace plumbline::detail
+#endif

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// White box: the block solver against the reference, which is Ceres on the same problem.
+#include "refine/block_solve.hpp"
+
+#include <gtest/gtest.h>
+
+#include "refine/refine_support.hpp"
+
+namespace plumbline::test {
+namespace {
+
+using namespace detail;
+
+// The truth with noise on the corners, pushed off by some per cent and degrees.
+Calibration start_of(const Scene& scene, double noise_px, std::uint64_t seed) {
+  Simulation sim = simulate(scene);
+  Calibration cal = sim.truth;
+  cal.data = with_noise(cal.data, noise_px, seed);
+  Rng rng(seed);
+  for (Camera& camera : cal.rig.cameras) {
+    const auto k = params(camera.lens);
+    k[0] *= 1.03, k[1] *= 1.03, k[2] += 3, k[3] -= 4;
+    for (std::size_t i = 4; i < k.size(); ++i) k[i] *= 0.5;
+  }
+  const auto push = [&](SE3& T) {
+    Vec6 d;
+    for (double& x : d) x = rng.normal(0.01);
+    T = box_plus(T, d);
+  };
+  for (std::size_t i = 1; i < cal.rig.T_cam_rig.size(); ++i) push(cal.rig.T_cam_rig[i]);
+  for (auto& T : cal.T_rig_board) push(*T);
+  for (const View& view : cal.data.views) cal.fits.emplace_back(view.corners.size());
+  cal.view_reason.assign(cal.data.views.size(), "");
+  return cal;
+}
+
+void expect_same_optimum(const Calibration& start, SolveSpec spec) {
+  Calibration blocks = start, ceres = start;
+  const SolveReport a = solve_blocks(blocks, spec), b = solve_ceres(ceres, spec);
+  ASSERT_TRUE(a.usable && a.converged) << a.termination;
+  ASSERT_TRUE(b.usable) << b.termination;
+  EXPECT_NEAR(a.cost, b.cost, 1e-9 * b.cost) << a.termination << " / " << b.termination;
+}
+
+std::string lens_of(int i) { return std::string(lens_names()[static_cast<std::size_t>(i)]); }
+
+class BlockSolveLens : public ::testing::TestWithParam<int> {};
+
+TEST_P(BlockSolveLens, ReachesCeresOptimum) {
+  for (const Loss loss : {Loss::kSquared, Loss::kHuber, Loss::kCauchy}) {
+    const Calibration start = start_of({.lenses = {example_lens(lens_of(GetParam()))}, .seed = 3}, 0.3, 5);
+    expect_same_optimum(start, {.loss = loss, .loss_scale = 0.5, .max_iterations = 1000});
+  }
+}
+
+TEST_P(BlockSolveLens, ReachesCeresOptimumOfARig) {
+  const std::string name = lens_of(GetParam());
+  const Calibration start = start_of(
+      {.lenses = {example_lens(name), example_lens("kb4"), example_lens(name)}, .n_frames = 12, .seed = 4},
+      0.3, 6);
+  expect_same_optimum(start, {.max_iterations = 1000});
+}
+
+// Its steps are those of the cost that Ceres sees: gradients of both vanish together.
+TEST_P(BlockSolveLens, IsExactWithoutNoise) {
+  const Scene scene{.lenses = {example_lens(lens_of(GetParam())), example_lens(lens_of(GetParam()))},
+                    .seed = 7};
+  const Simulation sim = simulate(scene);
+  Calibration cal = start_of(scene, 0.0, 8);
+  const SolveReport report = solve_blocks(cal, {.max_iterations = 1000});
+  ASSERT_TRUE(report.usable) << report.termination;
+  EXPECT_LT(worst_lens_error_px(sim, cal), 1e-6);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, BlockSolveLens, ::testing::Range(0, static_cast<int>(lens_names().size())),
+                         [](const auto& kind) { return lens_of(kind.param); });
+
+TEST(BlockSolve, WeighsBySigma) {
+  Calibration start = start_of({.lenses = {example_lens("opencv5")}}, 0.3, 9);
+  Rng rng(10);
+  for (View& view : start.data.views)
+    for (Corner& c : view.corners) c.sigma_px = rng.uniform(0.1, 1);
+  expect_same_optimum(start, {.use_sigma = true});
+}
+
+TEST(BlockSolve, LeavesOutMarkedCornersAndUnusedFrames) {
+  Calibration start = start_of({.lenses = {example_lens("opencv5"), example_lens("opencv4")}}, 0.3, 11);
+  start.fits[3].clear();
+  start.T_rig_board[5].reset();
+  for (int i = 0; i < 10; ++i) {
+    start.fits[0][static_cast<std::size_t>(i)].outlier = true;
+    start.data.views[0].corners[static_cast<std::size_t>(i)].px.x() += 100;
+  }
+  expect_same_optimum(start, {});
+}
+
+TEST(BlockSolve, HoldsWhatIsHeld) {
+  const Calibration start = start_of({.lenses = {example_lens("opencv5"), example_lens("opencv5")}}, 0.3, 12);
+  const std::size_t n = shared_parameter_names(start.rig).size();
+  SolveSpec spec;
+  spec.held.assign(n, false);
+  for (const std::size_t i : {1, 8, 9 + 2, 18 + 3, 18 + 5})
+    spec.held[i] = true;  // left fy, k3; right cx; t_x, t_z
+  Calibration cal = start;
+  ASSERT_TRUE(solve_blocks(cal, spec).usable);
+  EXPECT_EQ(params(cal.rig.cameras[0].lens)[1], params(start.rig.cameras[0].lens)[1]);
+  EXPECT_EQ(params(cal.rig.cameras[0].lens)[8], params(start.rig.cameras[0].lens)[8]);
+  EXPECT_EQ(params(cal.rig.cameras[1].lens)[2], params(start.rig.cameras[1].lens)[2]);
+  EXPECT_EQ(cal.rig.T_cam_rig[1].t().x(), start.rig.T_cam_rig[1].t().x());
+  EXPECT_EQ(cal.rig.T_cam_rig[1].t().z(), start.rig.T_cam_rig[1].t().z());
+  expect_same_optimum(start, spec);
+  spec.held.assign(n, true);  // poses alone
+  expect_same_optimum(start, spec);
+  spec.held.assign(n, false);
+  spec.hold_boards = true;
+  expect_same_optimum(start, spec);
+}
+
+TEST(BlockSolve, LeavesHalfHeldRotationsToCeres) {
+  Calibration start = start_of({.lenses = {example_lens("opencv4"), example_lens("opencv4")}}, 0.3, 13);
+  SolveSpec spec;
+  spec.held.assign(shared_parameter_names(start.rig).size(), false);
+  EXPECT_TRUE(block_solver_can(start, spec));
+  spec.held[16] = true;
+  EXPECT_FALSE(block_solver_can(start, spec));
+  const Vec3 before = so3_log(start.rig.T_cam_rig[1].R());
+  ASSERT_TRUE(solve(start, spec).usable);
+  EXPECT_NEAR(so3_log(start.rig.T_cam_rig[1].R()).x(), before.x(), 1e-12);
+}
+
+TEST(BlockSolve, GivesTheSameBytesForAnyNumberOfThreads) {
+  const Calibration start =
+      start_of({.lenses = {example_lens("opencv8"), example_lens("kb4")}, .n_frames = 50}, 0.3, 14);
+  std::vector<Calibration> results;
+  for (int n_threads : {1, 2, 3, 7}) {
+    results.push_back(start);
+    ASSERT_TRUE(solve_blocks(results.back(), {.n_threads = n_threads}).usable);
+  }
+  for (const Calibration& other : results) {
+    for (std::size_t cam = 0; cam < 2; ++cam) {
+      const std::span<const double> a = params(results[0].rig.cameras[cam].lens),
+                                    b = params(other.rig.cameras[cam].lens);
+      EXPECT_TRUE(std::equal(a.begin(), a.end(), b.begin()));
+    }
+    EXPECT_EQ(results[0].rig.T_cam_rig, other.rig.T_cam_rig);
+    EXPECT_EQ(results[0].T_rig_board, other.T_rig_board);
+  }
+}
+
+TEST(BlockSolve, SaysWhenACornerDoesNotProjectAtTheStart) {
+  Calibration cal = start_of({.lenses = {example_lens("opencv5")}}, 0.3, 15);
+  cal.T_rig_board[2] = SE3(cal.T_rig_board[2]->R(), -cal.T_rig_board[2]->t());
+  const SolveReport report = solve_blocks(cal, {});
+  EXPECT_FALSE(report.usable);
+  EXPECT_NE(report.termination.find("domain"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace plumbline::test
