@@ -105,39 +105,39 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   SolveReport report;
   if (problem.frames.empty()) return {.termination = "no corner to use"};
   BlockState state = state_of(cal, problem);
-  auto normal = block_normal(problem, state);
-  if (!normal) return {.termination = "a corner lies outside its lens' domain at the start"};
+  BlockNormal normal, next_normal;
+  if (!make_normal(problem, state, normal)) return {.termination = "a corner lies outside its lens' domain at the start"};
   const double tolerance = spec.tight ? 1e-14 : 1e-7;
+  BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
     ++report.iterations;
-    const auto factor =
-        BlockFactor::make(problem, *normal, free_parameters(*normal, spec), spec.hold_boards, damping);
-    const BlockVector g = gradient(*normal);
-    auto step = factor ? factor->step(g) : std::nullopt;
+    const BlockVector g = gradient(normal);
+    auto step = factor.make(problem, normal, free_parameters(normal, spec), spec.hold_boards, damping)
+                    ? factor.step(g)
+                    : std::nullopt;
     double gain = 0, predicted = 0;
     if (step) {
-      predicted = factor->predicted_gain(g, *step);
-      if (predicted <= tolerance * normal->cost + 1e-24) {
+      predicted = factor.predicted_gain(g, *step);
+      if (predicted <= tolerance * normal.cost + 1e-24) {
         // In a flat valley the damping alone can make the step small: only an undamped one tells.
         if (damping <= kUndamped) {
           report.converged = true;
           report.termination = fmt::format("converged: the next step would lower the cost by {:.1e} of it",
-                                           normal->cost > 0 ? predicted / normal->cost : 0.0);
+                                           normal.cost > 0 ? predicted / normal.cost : 0.0);
           break;
         }
         damping = std::max(1e-3 * damping, kLeastDamping);
         continue;
       }
-      if (report.iterations > kPlainIterations) bend(problem, state, *normal, *factor, g, *step);
+      if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
-        auto next_normal = block_normal(problem, next);
-        if (next_normal) gain = normal->cost - next_normal->cost;
+        if (make_normal(problem, next, next_normal)) gain = normal.cost - next_normal.cost;
         if (gain > 0) {
           state = std::move(next);
-          normal = std::move(next_normal);
+          std::swap(normal, next_normal);
         }
       }
     }
@@ -146,7 +146,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       damping = std::max(kLeastDamping,
                          damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
       growth = 2;
-    } else if (step && predicted <= kRounding * normal->cost) {
+    } else if (step && predicted <= kRounding * normal.cost) {
       report.converged = true;
       report.termination = "converged: rounding hides what is left to gain";
       break;
@@ -159,7 +159,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       }
     }
   }
-  report.cost = normal->cost;
+  report.cost = normal.cost;
   report.usable = std::isfinite(report.cost);
   write_to(cal, problem, state);
   return report;
