@@ -90,6 +90,7 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
+  if (cal.data.targets.size() > 1) return false;
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal.rig);
   for (int at : offsets.pose) {
