@@ -61,7 +61,7 @@ std::optional<Outcome> solve(const SolveSet& set, bool tight) {
   for (const View& view : cal.data.views) {
     double* k = params(cal.rig.cameras[view.cam].lens).data();
     for (const Corner& c : view.corners) {
-      auto* cost = new CornerCost<L>{cal.data.target.points[c.point], c.px};
+      auto* cost = new CornerCost<L>{cal.data.targets[0].points[c.point], c.px};
       if (view.cam == 0)
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerCost<L>, 2, L::kNumParams, 6>(cost), nullptr, k,
                                  boards[view.frame].data());

@@ -16,7 +16,7 @@ std::optional<Outcome> run_mrcal(const SolveSet& set) {
     if (!lens) return std::nullopt;
     lenses.push_back(*lens);
   }
-  const auto lattice = detail::referee_lattice(set.start.data.target);
+  const auto lattice = detail::referee_lattice(set.start.data.targets[0]);
   detail::Problem problem = detail::make_problem(set.start, *lattice, lenses, false);
   Outcome outcome;
   const Stopwatch watch;

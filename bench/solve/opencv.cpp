@@ -27,7 +27,7 @@ Corners corners_of(const SolveSet& set, int cam) {
     auto &bd = out.board_d.emplace_back();
     auto &qd = out.px_d.emplace_back();
     for (const Corner& c : view.corners) {
-      const Vec3& p = set.start.data.target.points[c.point];
+      const Vec3& p = set.start.data.targets[0].points[c.point];
       bd.emplace_back(p.x(), p.y(), 0);
       qd.emplace_back(c.px.x(), c.px.y());
       b.emplace_back(bd.back());

@@ -84,14 +84,14 @@ SolveSet make_set(const std::string& lens, int n_views, int n_cams) {
   set.truth = true_rig(lens, n_cams);
   Calibration& cal = set.start;
   cal.rig = set.truth;
-  cal.data.target = *make_target(Chessboard{.columns = 10, .rows = 14, .square_m = 0.03});
+  cal.data.targets = {*make_target(Chessboard{.columns = 10, .rows = 14, .square_m = 0.03})};
   for (const Camera& camera : cal.rig.cameras) cal.data.cameras.push_back({camera.name, camera.size});
   Rng rng(static_cast<std::uint64_t>(1000 * n_views + n_cams));
   while (static_cast<int>(cal.data.frames.size()) < n_views) {
     const SE3 T = random_pose(set.truth.cameras[0].lens, rng, n_cams > 2 ? 0.25 : 0.0);
     std::vector<View> views;
     for (int cam = 0; cam < n_cams; ++cam) {
-      auto corners = see(set.truth.cameras[cam], set.truth.T_cam_rig[cam] * T, cal.data.target.points, rng);
+      auto corners = see(set.truth.cameras[cam], set.truth.T_cam_rig[cam] * T, cal.data.targets[0].points, rng);
       if (corners) {
         const int frame = static_cast<int>(cal.data.frames.size());
         views.push_back({cam, frame, std::to_string(frame), *std::move(corners), ""});

@@ -23,20 +23,34 @@ int row_of(const BlockFrame& frame, int parameter) {
   return -1;
 }
 
-Mat6 turned(const Mat3& R) {
-  Mat6 M = Mat6::Zero();
-  M.topLeftCorner<3, 3>() = M.bottomRightCorner<3, 3>() = R;
-  return M;
-}
+// How steps of the three poses of a view's chain move its board in the camera's frame, as the kernel's
+// [dw | dt] sees it. p_cam = T_cam_rig T_rig_board T_board0_board p, each stepped by box_plus().
+struct Chain {
+  SE3 T_cam_board;
+  Mat6 camera, frame, board;  // d[dw | dt] / d(step)
+  bool one_pose;              // no rig and one board: `frame` is the identity
 
-// What turns the kernel's [dw | dt], which moves the board in the camera's frame: a step of the board by the
-// camera's rotation; a step of the camera also swings the board about the camera's centre.
-Mat6 step_of_board(const SE3& T_cam_rig) { return turned(T_cam_rig.R()); }
-Mat6 step_of_camera(const SE3& T_cam_rig, const SE3& T_rig_board) {
-  Mat6 M = Mat6::Identity();
-  M.bottomLeftCorner<3, 3>() = -skew(T_cam_rig.R() * T_rig_board.t());
-  return M;
-}
+  Chain(const BlockState& state, const BlockView& view, std::size_t f) {
+    const SE3 &T_cam_rig = state.T_cam_rig[view.cam], &T_rig_board = state.T_rig_board[f];
+    one_pose = view.target == 0 && T_cam_rig == SE3();
+    if (one_pose) {
+      T_cam_board = T_rig_board;
+      return;
+    }
+    const SE3& T_board0_board = state.T_board0_board[view.target];
+    const SE3 T_rig_this = T_rig_board * T_board0_board;
+    T_cam_board = T_cam_rig * T_rig_this;
+    const Mat3 R = T_cam_rig.R();
+    camera = Mat6::Identity();  // also swings the board about the camera's centre
+    camera.bottomLeftCorner<3, 3>() = -skew(R * T_rig_this.t());
+    frame.setZero();
+    frame.topLeftCorner<3, 3>() = frame.bottomRightCorner<3, 3>() = R;
+    // Also swings this board about the first one's origin.
+    frame.bottomLeftCorner<3, 3>() = -R * skew(T_rig_board.R() * T_board0_board.t());
+    board.setZero();
+    board.topLeftCorner<3, 3>() = board.bottomRightCorner<3, 3>() = R * T_rig_board.R();
+  }
+};
 
 // The parts of a view's gram: pose with pose, lens with pose, pose with residual.
 struct Parts {
@@ -52,19 +66,28 @@ struct Parts {
   }
 };
 
+// Adds what a shared pose (of a camera or a board) has with itself, with the lens and with its frame.
+void add_shared_pose(const BlockFrame& frame, int at, int lens_at, const Mat6& M, const Mat6& M_frame,
+                     const Parts& parts, Couplings& A_sf, BlockSums& sums) {
+  const Mat6 A_cp = M.transpose() * parts.A_pp;
+  A_sf.middleRows(row_of(frame, at), 6).noalias() += A_cp * M_frame;
+  sums.A.block<6, 6>(at, at).noalias() += A_cp * M;
+  sums.A.block(at, lens_at, 6, parts.A_lp.rows()).noalias() += M.transpose() * parts.A_lp.transpose();
+  sums.g.segment<6>(at).noalias() += M.transpose() * parts.g_p;
+}
+
 // Adds one view: its frame's own blocks to `normal`, what is shared to `sums`.
 bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t f, const BlockView& view,
               BlockNormal& normal, BlockSums& sums) {
   const BlockFrame& frame = problem.frames[f];
-  const SE3 &T_cam_rig = state.T_cam_rig[view.cam], &T_rig_board = state.T_rig_board[f];
+  const Chain chain(state, view, f);
   const Lens& lens = state.lenses[view.cam];
   Gram gram;
-  const auto cost = accumulate_view(
-      {lens, T_cam_rig * T_rig_board, view.corners, problem.loss, problem.loss_scale}, &gram);
+  const auto cost =
+      accumulate_view({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale}, &gram);
   if (!cost) return false;
   sums.cost += *cost;
-  const int n = n_params(lens), lens_at = problem.offsets.lens[view.cam],
-            pose_at = problem.offsets.pose[view.cam];
+  const int n = n_params(lens), lens_at = problem.offsets.lens[view.cam];
   for (int j = 0; j < n; ++j) {
     for (int i = j; i < n; ++i) sums.A(lens_at + i, lens_at + j) += gram(i, j);
     sums.g[lens_at + j] += gram(n + 6, j);
@@ -72,22 +95,21 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   const Parts parts(gram, n);
   Couplings A_sf(normal.A_sf.data() + frame.at, frame.n_shared, 6);
   const int lens_row = row_of(frame, lens_at);
-  if (T_cam_rig == SE3()) {  // one camera, or the first of a rig: nothing to turn
+  if (chain.one_pose) {
     normal.A_ff[f] += parts.A_pp;
     normal.g_f[f] += parts.g_p;
     A_sf.middleRows(lens_row, n) += parts.A_lp;
-  } else {
-    const Mat6 M = step_of_board(T_cam_rig);
-    normal.A_ff[f].noalias() += M.transpose() * parts.A_pp * M;
-    normal.g_f[f].noalias() += M.transpose() * parts.g_p;
-    A_sf.middleRows(lens_row, n).noalias() += parts.A_lp * M;
+    return true;
   }
-  if (pose_at < 0) return true;
-  const Mat6 M = step_of_camera(T_cam_rig, T_rig_board), A_cp = M.transpose() * parts.A_pp;
-  A_sf.middleRows(row_of(frame, pose_at), 6).noalias() += A_cp * step_of_board(T_cam_rig);
-  sums.A.block<6, 6>(pose_at, pose_at).noalias() += A_cp * M;
-  sums.A.block(pose_at, lens_at, 6, n).noalias() += M.transpose() * parts.A_lp.transpose();
-  sums.g.segment<6>(pose_at).noalias() += M.transpose() * parts.g_p;
+  normal.A_ff[f].noalias() += chain.frame.transpose() * parts.A_pp * chain.frame;
+  normal.g_f[f].noalias() += chain.frame.transpose() * parts.g_p;
+  A_sf.middleRows(lens_row, n).noalias() += parts.A_lp * chain.frame;
+  const int camera_at = problem.offsets.pose[view.cam], board_at = problem.offsets.board[view.target];
+  if (camera_at >= 0)
+    add_shared_pose(frame, camera_at, lens_at, chain.camera, chain.frame, parts, A_sf, sums);
+  if (board_at >= 0) add_shared_pose(frame, board_at, lens_at, chain.board, chain.frame, parts, A_sf, sums);
+  if (camera_at >= 0 && board_at >= 0)  // boards come after cameras: the lower triangle
+    sums.A.block<6, 6>(board_at, camera_at).noalias() += chain.board.transpose() * parts.A_pp * chain.camera;
   return true;
 }
 
@@ -101,7 +123,7 @@ void add_segment(std::vector<Segment>& list, int first, int n) {
 }  // namespace
 
 BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
-  BlockProblem problem{offsets_of(cal.rig), {},
+  BlockProblem problem{offsets_of(cal), {},
                        0,                   spec.loss,
                        spec.loss_scale,     std::make_unique<Workers>(spec.n_threads)};
   std::vector<int> place(cal.T_rig_board.size(), -1);
@@ -109,7 +131,7 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     const std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
-    const int cam = cal.data.views[v].cam;
+    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     int& at = place[cal.data.views[v].frame];
     if (at < 0) {
       at = static_cast<int>(problem.frames.size());
@@ -119,9 +141,10 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
     last.n = corners.n;
     last.points = corners.points;
     BlockFrame& frame = problem.frames[at];
-    frame.views.push_back({cam, std::move(corners)});
+    frame.views.push_back({cam, target, std::move(corners)});
     add_segment(frame.shared, problem.offsets.lens[cam], n_params(cal.rig.cameras[cam].lens));
     if (cam > 0) add_segment(frame.shared, problem.offsets.pose[cam], 6);
+    if (target > 0) add_segment(frame.shared, problem.offsets.board[target], 6);
   }
   for (BlockFrame& frame : problem.frames) {
     std::sort(frame.shared.begin(), frame.shared.end(),
@@ -196,21 +219,22 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
     for (int i = runs.first(run); i < runs.first(run + 1) && sums.ok; ++i) {
       const auto f = static_cast<std::size_t>(i);
       for (const BlockView& view : problem.frames[f].views) {
-        const SE3& T_cam_rig = state.T_cam_rig[view.cam];
+        const Chain chain(state, view, f), ahead(other, view, f);
         const Lens& lens = state.lenses[view.cam];
         const auto second = accumulate_second(
-            {lens, T_cam_rig * state.T_rig_board[f], view.corners, problem.loss, problem.loss_scale},
-            other.lenses[view.cam], other.T_cam_rig[view.cam] * other.T_rig_board[f]);
+            {lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale}, other.lenses[view.cam],
+            ahead.T_cam_board);
         if (!second) {
           sums.ok = false;
           break;
         }
-        const int n = n_params(lens), pose_at = problem.offsets.pose[view.cam];
+        const int n = n_params(lens), camera_at = problem.offsets.pose[view.cam],
+                  board_at = problem.offsets.board[view.target];
         const Vec6 g_p = second->tail<6>();
         sums.g.segment(problem.offsets.lens[view.cam], n) += second->head(n);
-        out.boards[f] += step_of_board(T_cam_rig).transpose() * g_p;
-        if (pose_at >= 0)
-          sums.g.segment<6>(pose_at) += step_of_camera(T_cam_rig, state.T_rig_board[f]).transpose() * g_p;
+        out.boards[f] += chain.one_pose ? g_p : Vec6(chain.frame.transpose() * g_p);
+        if (camera_at >= 0) sums.g.segment<6>(camera_at) += chain.camera.transpose() * g_p;
+        if (board_at >= 0) sums.g.segment<6>(board_at) += chain.board.transpose() * g_p;
       }
     }
   });

@@ -12,14 +12,15 @@
 /// The normal equations of a whole calibration in blocks, as block_solve.cpp steps on them.
 namespace plumbline::detail {
 
-/// What moves: lenses, rig, board poses.
+/// What moves: lenses, rig, boards.
 struct BlockState {
   std::vector<Lens> lenses;
-  std::vector<SE3> T_cam_rig, T_rig_board;  ///< the latter one for each BlockFrame
+  std::vector<SE3> T_cam_rig, T_board0_board;
+  std::vector<SE3> T_rig_board;  ///< of the first board, one for each BlockFrame
 };
 
 struct BlockView {
-  int cam = 0;
+  int cam = 0, target = 0;
   ViewCorners corners;
 };
 

@@ -22,6 +22,7 @@ BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
   BlockState state;
   for (const Camera& camera : cal.rig.cameras) state.lenses.push_back(camera.lens);
   state.T_cam_rig = cal.rig.T_cam_rig;
+  state.T_board0_board = cal.T_board0_board;
   for (const BlockFrame& frame : problem.frames) state.T_rig_board.push_back(*cal.T_rig_board[frame.frame]);
   return state;
 }
@@ -29,6 +30,7 @@ BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
 void write_to(Calibration& cal, const BlockProblem& problem, const BlockState& state) {
   for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
   cal.rig.T_cam_rig = state.T_cam_rig;
+  cal.T_board0_board = state.T_board0_board;
   for (std::size_t f = 0; f < problem.frames.size(); ++f)
     cal.T_rig_board[problem.frames[f].frame] = state.T_rig_board[f];
 }
@@ -39,11 +41,15 @@ BlockState moved(const BlockProblem& problem, const BlockState& state, const Blo
     const auto k = params(next.lenses[i]);
     for (std::size_t j = 0; j < k.size(); ++j)
       k[j] += step.shared[problem.offsets.lens[i] + static_cast<int>(j)];
-    if (problem.offsets.pose[i] >= 0) {
-      const Vec6 d = step.shared.segment<6>(problem.offsets.pose[i]);
-      if (!d.isZero(0)) next.T_cam_rig[i] = box_plus(next.T_cam_rig[i], d);
-    }
   }
+  const auto move = [&](SE3& T, int at) {
+    if (at < 0) return;
+    const Vec6 d = step.shared.segment<6>(at);
+    if (!d.isZero(0)) T = box_plus(T, d);
+  };
+  for (std::size_t i = 0; i < next.T_cam_rig.size(); ++i) move(next.T_cam_rig[i], problem.offsets.pose[i]);
+  for (std::size_t i = 0; i < next.T_board0_board.size(); ++i)
+    move(next.T_board0_board[i], problem.offsets.board[i]);
   for (std::size_t f = 0; f < next.T_rig_board.size(); ++f) {
     if (!step.boards[f].isZero(0)) next.T_rig_board[f] = box_plus(next.T_rig_board[f], step.boards[f]);
   }
@@ -90,10 +96,11 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
-  if (cal.data.targets.size() > 1) return false;
   if (spec.held.empty()) return true;
-  const Offsets offsets = offsets_of(cal.rig);
-  for (int at : offsets.pose) {
+  const Offsets offsets = offsets_of(cal);
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
     if (at < 0) continue;
     const int n_held = spec.held[at] + spec.held[at + 1] + spec.held[at + 2];
     if (n_held == 1 || n_held == 2) return false;
