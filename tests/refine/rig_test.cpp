@@ -198,6 +198,34 @@ TEST(Rig, ErrorsAfterMotionAreAsLargeAsPredicted) {
 }
 TEST(Rig, ErrorsThroughAChainAreAsLargeAsPredicted) { expect_consistent(chain, 24); }
 
+// The block solver and the reference on further boards, off the truth by some centimetres and degrees.
+TEST(Rig, BothSolversReachTheSameOptimum) {
+  for (const RigScene& scene : {chain(11), back_to_back(15, 12)}) {
+    Calibration start = simulate_rig(scene);
+    start.data = with_noise(start.data, 0.3, 13);
+    Rng rng(14);
+    const auto push = [&](SE3& T) {
+      Vec6 d;
+      for (double& x : d) x = rng.normal(0.01);
+      T = box_plus(T, d);
+    };
+    push(start.rig.T_cam_rig[1]);
+    push(start.T_board0_board[1]);
+    for (auto& T : start.T_rig_board) push(*T);
+    for (const Loss loss : {Loss::kSquared, Loss::kCauchy}) {
+      Calibration blocks = start, ceres = start;
+      detail::SolveSpec spec{.loss = loss, .loss_scale = 0.5, .max_iterations = 1000};
+      const detail::SolveReport a = detail::solve(blocks, spec);
+      spec.solver = Solver::kCeres;
+      const detail::SolveReport b = detail::solve(ceres, spec);
+      ASSERT_TRUE(a.usable && b.usable) << a.termination << " / " << b.termination;
+      EXPECT_NEAR(a.cost, b.cost, 1e-9 * b.cost) << a.termination << " / " << b.termination;
+      // Where the cost is flat to 1e-9 of it, poses agree to some 1e-5.
+      EXPECT_LT(box_minus(blocks.T_board0_board[1], ceres.T_board0_board[1]).norm(), 1e-4);
+    }
+  }
+}
+
 TEST(Rig, TwoBoardsBeforeOneCamera) {
   RigScene scene = chain(6);
   scene.cameras.resize(1);
