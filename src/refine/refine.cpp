@@ -135,8 +135,9 @@ void robust_solve(Calibration& cal, const RefineOptions& options, const std::vec
   }
 }
 
-Result<Calibration> finish(Calibration cal, const RefineOptions& options, const std::vector<bool>& held,
-                           bool from_seed) {
+Result<Calibration> finish(Calibration cal, const RefineOptions& options,
+                           const std::vector<bool>& held_by_name, bool from_seed) {
+  const std::vector<bool> held = hold_loose_boards(cal, held_by_name);
   bring_back(cal);
   if (options.mark_outliers || from_seed) robust_solve(cal, options, held);
   const SolveSpec spec{.loss = options.loss,
