@@ -10,10 +10,10 @@
 #include <cmath>
 #include <utility>
 
-#include "plumbline/core/text.hpp"
 #include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
+#include "refine/shared_block.hpp"
 
 namespace plumbline::detail {
 
@@ -114,6 +114,7 @@ class Blocks {
   explicit Blocks(const Calibration& cal) {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
+    n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -124,6 +125,9 @@ class Blocks {
   double* lens(int cam) { return &values_[lens_[cam]]; }
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+  /// Everything but the board poses, which come last, as one block.
+  double* shared() { return values_.data(); }
+  int n_shared() const { return static_cast<int>(n_shared_); }
 
   void write_to(Calibration& cal) const {
     for (std::size_t i = 0; i < lens_.size(); ++i) {
@@ -143,7 +147,71 @@ class Blocks {
   }
   std::vector<double> values_;
   std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
+  std::size_t n_shared_ = 0;
 };
+
+bool has_ties(const SolveSpec& spec) {
+  for (std::size_t i = 0; i < spec.tied_to.size(); ++i) {
+    if (spec.tied_to[i] != static_cast<int>(i) && !is_held(spec, static_cast<int>(i))) return true;
+  }
+  return false;
+}
+
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many cameras,
+// because each view's Jacobian then has the columns of all, but the manifold says it all.
+void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal.rig);
+  const Reduction reduction = reduction_of(spec, offsets.total);
+  std::vector<std::unique_ptr<ceres::Manifold>> parts;
+  std::vector<int> column;
+  const auto take = [&](int first, int n) {
+    for (int i = first; i < first + n; ++i) {
+      if (first < 0 || reduction.column[i] >= 0) column.push_back(first < 0 ? -1 : reduction.column[i]);
+    }
+  };
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const int n = n_params(cal.rig.cameras[cam].lens), at = offsets.lens[cam];
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(n));
+    for (int i = at; i < at + n; ++i) column.push_back(reduction.column[i]);
+  }
+  for (int at : offsets.pose) {
+    std::array<bool, 6> held{};
+    for (int i = 0; i < 6; ++i) held[i] = at < 0 || is_held(spec, at + i);
+    if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) {
+      parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(7));
+      column.insert(column.end(), 7, -1);
+    } else {
+      parts.push_back(make_pose_manifold(held));
+      take(at, 6);
+    }
+  }
+  problem.SetManifold(blocks.shared(),
+                      make_tied_manifold(std::move(parts), std::move(column), reduction.n_free).release());
+}
+
+// A prior of a camera that no view of the problem shows changes nothing and is left out.
+void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal.rig);
+  const bool tied = has_ties(spec);
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, double* block) {
+    if (tied)
+      problem.AddResidualBlock(
+          merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared()).release(),
+          nullptr, blocks.shared());
+    else if (problem.HasParameterBlock(block))
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+  };
+  for (const PriorTerm& prior : spec.priors) {
+    const double weight = spec.prior_weight / prior.sigma;
+    for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
+      const int n = n_params(cal.rig.cameras[cam].lens), i = prior.index - offsets.lens[cam];
+      if (i >= 0 && i < n) add(make_prior_cost(n, i, prior.value, weight), blocks.lens(cam));
+      const int k = prior.index - offsets.pose[cam];
+      if (offsets.pose[cam] >= 0 && k >= 0 && k < 6)
+        add(make_pose_prior_cost(k, prior.value, weight), blocks.T_cam_rig(cam));
+    }
+  }
+}
 
 }  // namespace
 
@@ -152,6 +220,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal.rig);
+  const bool tied = has_ties(spec);
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
@@ -161,15 +230,20 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    problem.AddResidualBlock(
-        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr, k,
-        T_cam_rig, T_rig_board);
+    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
+    if (tied) {
+      const auto at = [&](const double* block) { return static_cast<int>(block - blocks.shared()); };
+      cost = merge_blocks(std::move(cost), {at(k), at(T_cam_rig), -1}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared(), T_rig_board);
+    } else {
+      problem.AddResidualBlock(cost.release(), nullptr, k, T_cam_rig, T_rig_board);
+    }
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
-    if (lens_seen[cam]) continue;
+    if (lens_seen[cam] || tied) continue;
     lens_seen[cam] = true;
     hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
     ordering->AddElementToGroup(k, 1);
@@ -179,9 +253,15 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
       hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
     ordering->AddElementToGroup(T_cam_rig, 1);
   }
+  if (problem.NumResiduals() > 0 && tied) {
+    tie_shared(problem, blocks, cal, spec);
+    ordering->AddElementToGroup(blocks.shared(), 1);
+  }
+  add_priors(problem, blocks, cal, spec);
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
-  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  if (problem.NumResidualBlocks() == static_cast<int>(tied ? spec.priors.size() : 0))
+    return {.termination = "no corner to use"};
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -215,27 +295,6 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
-}
-
-Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {
-  const std::vector<std::string> names = shared_parameter_names(rig);
-  std::vector<bool> held(names.size(), false);
-  for (const std::string& wanted : fixed) {
-    bool found = false;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      // Camera names may hold spaces, parameter names do not: the parameter is what follows the last space.
-      const std::string parameter = names[i].substr(names[i].rfind(' ') + 1);
-      if (names[i] != wanted && parameter != wanted) continue;
-      held[i] = true;
-      found = true;
-    }
-    if (!found) {
-      return Error{ErrorCode::kInvalidData,
-                   "no shared parameter has this name; there are: " + join(names, ", "),
-                   "fixed parameter '" + wanted + "'"};
-    }
-  }
-  return held;
 }
 
 }  // namespace plumbline::detail
