@@ -26,10 +26,15 @@ struct Outcome {
   std::array<int, kFaults.size()> good_lost{}, bad_kept{};
 };
 
+// A view whose rows are counted from one too far is right but for the row that came round.
+bool is_wrong(Fault fault, const Corner& corner, const Corner& clean) {
+  return corner.px != clean.px && (fault != Fault::kShifted || corner.point < 11);
+}
+
 void count_marks(Outcome& outcome, std::size_t f, const Calibration& cal, const Dataset& clean) {
   for (std::size_t v = 0; v < clean.views.size(); ++v) {
     for (std::size_t i = 0; i < clean.views[v].corners.size(); ++i) {
-      const bool wrong = cal.data.views[v].corners[i].px != clean.views[v].corners[i].px;
+      const bool wrong = is_wrong(kFaults[f], cal.data.views[v].corners[i], clean.views[v].corners[i]);
       const bool kept = !cal.fits[v].empty() && !cal.fits[v][i].outlier;
       outcome.good_lost[f] += !wrong && !kept;
       outcome.bad_kept[f] += wrong && kept;

@@ -23,7 +23,7 @@ Points points_of(const Dataset& data) {
     points.board.emplace_back();
     points.px.emplace_back();
     for (const Corner& c : view.corners) {
-      const Vec3& p = data.target.points[c.point];
+      const Vec3& p = data.targets[0].points[c.point];
       points.board.back().emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()), 0.F);
       points.px.back().emplace_back(static_cast<float>(c.px.x()), static_cast<float>(c.px.y()));
     }
@@ -103,7 +103,7 @@ std::optional<Camera> by_mrcal(const Calibration& truth, const Dataset& data) {
   mrcal_problem_constants_t constants{};
   constants.point_min_range = 1e-3;
   constants.point_max_range = 1e6;
-  const auto& lattice = *data.target.lattice;
+  const auto& lattice = *data.targets[0].lattice;
   const int n_views = static_cast<int>(frames.size());
   std::vector<double> x(static_cast<std::size_t>(
       mrcal_num_measurements(n_views, 0, lattice.columns, lattice.rows, 1, 0, n_views, 0, 0, selections, &model)));

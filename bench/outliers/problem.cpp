@@ -62,12 +62,12 @@ const char* name_of(Fault fault) {
 
 Calibration make_truth(const Kind& kind, std::uint64_t seed) {
   const Target target = *make_target(Chessboard{.columns = kColumns, .rows = kRows, .square_m = 0.03});
-  const SceneOptions options{.lens = kind.lens,
-                             .fov_deg = kind.fov_deg,
-                             .size = {1280, 960},
-                             .n_views = 20,
-                             .noise_px = 0.2,
-                             .seed = seed};
+  SceneOptions options;
+  options.lens = kind.lens;
+  options.fov_deg = kind.fov_deg;
+  options.size = {1280, 960};
+  options.noise_px = 0.2;
+  options.seed = seed;
   return *simulate(target, options);
 }
 

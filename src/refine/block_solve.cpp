@@ -94,6 +94,7 @@ bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
     if (spec.tied_to[i] != static_cast<int>(i)) return false;
   }
   if (!spec.priors.empty()) return false;
+  if (cal.data.targets.size() > 1) return false;
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal.rig);
   for (int at : offsets.pose) {

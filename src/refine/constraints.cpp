@@ -35,7 +35,7 @@ bool is_matrix(const std::string& parameter) {
 // Every name that an option may say, with what it stands for.
 class Names {
  public:
-  explicit Names(const Calibration& cal) : all_(shared_parameter_names(cal.rig)) {
+  explicit Names(const Calibration& cal) : all_(shared_parameter_names(cal)) {
     for (const std::string& name : all_) halves_.push_back(halves(name));
     for (const Camera& camera : cal.rig.cameras) cameras_.push_back(camera.name);
   }
@@ -180,8 +180,7 @@ Status spread_holds(Constraints& c, const Names& names) {
 
 // Everything that does not belong to these cameras. The rig's frame is that of the first camera, whose pose is
 // none of the parameters: what can move is where the others stand.
-Status hold_others(Constraints& c, const Calibration& cal, const Names& names,
-                   const std::vector<std::string>& only) {
+Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std::string>& only) {
   if (only.empty()) return {};
   std::vector<bool> wanted(cal.rig.cameras.size(), false);
   for (const std::string& name : only) {
@@ -199,7 +198,7 @@ Status hold_others(Constraints& c, const Calibration& cal, const Names& names,
                            "solve for all cameras but one, or make another camera the first",
                            cal.rig.cameras[0].name),
                "only '" + cal.rig.cameras[0].name + "'");
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   for (std::size_t cam = 0; cam < wanted.size(); ++cam) {
     if (wanted[cam]) continue;
     const int n = n_params(cal.rig.cameras[cam].lens);
@@ -207,11 +206,8 @@ Status hold_others(Constraints& c, const Calibration& cal, const Names& names,
     // Of two cameras only the pose of one relative to the other exists.
     for (int i = 0; i < 6 && offsets.pose[cam] >= 0 && !wanted[0]; ++i) c.held[offsets.pose[cam] + i] = true;
   }
-  for (int i = 0; i < names.size(); ++i) {
-    const bool is_board = std::none_of(cal.rig.cameras.begin(), cal.rig.cameras.end(), [&](const Camera& camera) {
-      return names[i].starts_with(camera.name + " ");
-    });
-    if (is_board) c.held[i] = true;
+  for (std::size_t board = 1; board < cal.data.targets.size(); ++board) {
+    for (int i = 0; i < 6; ++i) c.held[offsets.board[board] + i] = true;
   }
   return {};
 }
@@ -239,7 +235,7 @@ Result<Constraints> constraints_of(const Calibration& cal, const RefineOptions& 
   for (const Prior& prior : options.priors) {
     if (auto status = add_prior(c, names, prior); !status) return status.error();
   }
-  if (auto status = hold_others(c, cal, names, options.only); !status) return status.error();
+  if (auto status = hold_others(c, cal, options.only); !status) return status.error();
   if (auto status = spread_holds(c, names); !status) return status.error();
   return c;
 }
@@ -316,7 +312,7 @@ SolveSpec with_constraints(SolveSpec spec, const Constraints& c) {
 }
 
 std::vector<PriorPull> prior_pulls(const Calibration& cal, const std::vector<PriorTerm>& priors) {
-  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  const std::vector<std::string> names = shared_parameter_names(cal);
   const VecX x = shared_values(cal);
   std::vector<PriorPull> pulls;
   for (const PriorTerm& prior : priors)

@@ -21,7 +21,9 @@ Dataset image_of(const Lens& lens, ImageSize size, bool forward_only) {
   Dataset data;
   data.cameras = {{"camera", size}};
   data.frames = {"grid"};
-  data.target.is_planar = false;
+  data.targets.resize(1);
+  Target& rays = data.targets[0];
+  rays.is_planar = false;
   View view;
   view.image = "grid";
   for (int r = 0; r < kRows; ++r) {
@@ -29,8 +31,8 @@ Dataset image_of(const Lens& lens, ImageSize size, bool forward_only) {
       const Vec2 px(c * (size.width - 1.0) / (kColumns - 1), r * (size.height - 1.0) / (kRows - 1));
       const auto ray = unproject(lens, px);
       if (!ray || (forward_only && ray->z() < kLeastZ)) continue;
-      view.corners.push_back({static_cast<int>(data.target.points.size()), px, 1.0});
-      data.target.points.push_back(*ray);
+      view.corners.push_back({static_cast<int>(rays.points.size()), px, 1.0});
+      rays.points.push_back(*ray);
     }
   }
   data.views = {view};
@@ -58,7 +60,7 @@ Result<Lens> convert_lens(const Lens& from, const std::string& name, ImageSize s
   const Dataset image = image_of(from, size, forward_only);
   if (forward_only && !is_central_perspective(from)) {
     std::vector<double> theta;
-    for (const Vec3& ray : image.target.points) theta.push_back(std::atan2(ray.head<2>().norm(), ray.z()));
+    for (const Vec3& ray : image.targets[0].points) theta.push_back(std::atan2(ray.head<2>().norm(), ray.z()));
     if (const auto like = perspective_like(from, name, size, theta, {})) lens = *like;
   }
   Calibration cal = empty_calibration(image, {lens});

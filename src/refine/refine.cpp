@@ -188,12 +188,15 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
   apply(cal, constraints);
   bring_back(cal);
   if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
+  // A robust loss has bent the tails already.
+  const bool cuts_tails = options.mark_outliers && options.loss == Loss::kSquared;
   SolveSpec spec = with_constraints({.loss = options.loss,
                                      .loss_scale = options.loss_scale_px,
                                      .use_sigma = options.use_sigma,
                                      .max_iterations = options.max_iterations,
                                      .tight = true,
                                      .prior_weight = robust_scale_px(cal) / 3,
+                                     .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
                                      .solver = options.solver,
                                      .n_threads = options.n_threads},
                                     constraints);
@@ -211,10 +214,9 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
 }
 
 // A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some of
-// them are known; a view of points in space says all.
-int needed_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
-  if (!cal.data.target.is_planar) return 1;
-  const int first = offsets_of(cal.rig).lens[cam];
+// them are known.
+int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
+  const int first = offsets_of(cal).lens[cam];
   int n_free = 0;
   for (int i = first; i < first + 4; ++i) {
     const bool has_prior = std::any_of(c.priors.begin(), c.priors.end(),
@@ -224,13 +226,19 @@ int needed_views(const Calibration& cal, std::size_t cam, const Constraints& c) 
   return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);
 }
 
+// Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
 Status enough_views(const Calibration& cal, const Constraints& constraints) {
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
-    const int needed = needed_views(cal, cam, constraints);
-    int n = 0;
+    const bool some_planar = std::any_of(cal.data.targets.begin(), cal.data.targets.end(),
+                                         [](const Target& target) { return target.is_planar; });
+    int n = 0, needed = some_planar ? needed_flat_views(cal, cam, constraints) : 1;
     for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-      n += cal.data.views[v].cam == static_cast<int>(cam) &&
-           cal.data.views[v].corners.size() >= kLeastCorners && cal.view_reason[v].empty();
+      const View& view = cal.data.views[v];
+      if (view.cam != static_cast<int>(cam) || view.corners.size() < kLeastCorners ||
+          !cal.view_reason[v].empty())
+        continue;
+      ++n;
+      if (!cal.data.targets[view.target].is_planar) needed = 1;
     }
     if (n >= needed) continue;
     return Error{
@@ -263,7 +271,7 @@ Result<std::vector<Lens>> starting_lenses(const Dataset& data, const std::vector
 
 // What the seed says of a lens that is too simple, first: it makes the other warnings moot.
 void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
-  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  const std::vector<std::string> names = shared_parameter_names(cal);
   for (WeakDirection& weak : lean) {
     const auto i = std::find(names.begin(), names.end(), weak.parameters) - names.begin();
     weak.sigma = std::sqrt((*cal.covariance)(i, i));
@@ -278,12 +286,14 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   if (auto status = validate(data); !status) return status.error();
   const auto lenses = starting_lenses(data, options.lenses);
   if (!lenses) return lenses.error();
-  if (options.start == Start::kDlt && data.target.is_planar) {
+  const bool all_planar = std::all_of(data.targets.begin(), data.targets.end(),
+                                      [](const Target& target) { return target.is_planar; });
+  if (options.start == Start::kDlt && all_planar) {
     return Error{ErrorCode::kDegenerate,
                  "a camera matrix by DLT needs points that are not in one plane, and all points of this "
                  "target are; use "
                  "--start zhang",
-                 "target " + data.target.name};
+                 "target " + data.targets[0].name};
   }
   const Calibration empty = empty_calibration(data, *lenses);
   const auto constraints = constraints_of(empty, options);
@@ -319,7 +329,8 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
   if (auto status = validate(start.data); !status) return status.error();
   PLUMBLINE_CHECK(start.rig.cameras.size() == start.data.cameras.size() &&
                       start.rig.T_cam_rig.size() == start.rig.cameras.size() &&
-                      start.T_rig_board.size() == start.data.frames.size(),
+                      start.T_rig_board.size() == start.data.frames.size() &&
+                      start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
   const auto constraints = constraints_of(start, options);
   if (!constraints) return constraints.error();
@@ -331,7 +342,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
     cal.fits[v].resize(cal.data.views[v].corners.size());
   refuse_small_views(cal);
   if (auto status = enough_views(cal, *constraints); !status) return status.error();
-  return finish(std::move(cal), options, *constraints, false);
+  auto done = finish(std::move(cal), options, *constraints, false);
+  if (done) done->provenance.options["start"] = "given";
+  return done;
 }
 
 }  // namespace plumbline

@@ -82,7 +82,8 @@ double error_px(const Calibration& cal, const SharedFrame& frame, const SE3& T_c
   const SE3 T_cam_board = T_cam_rig * frame.T_rig_board;
   double sum = 0;
   for (const Corner& c : view.corners) {
-    const auto px = project(camera.lens, T_cam_board * cal.data.target.points[symmetry.permutation[c.point]]);
+    const auto px =
+        project(camera.lens, T_cam_board * cal.data.targets[0].points[symmetry.permutation[c.point]]);
     sum += px ? std::min((*px - c.px).squaredNorm(), cap * cap) : cap * cap;
   }
   return std::sqrt(sum / static_cast<double>(view.corners.size()));
@@ -212,7 +213,7 @@ void choose_frame_poses(Builder& b) {
     if (b.T_cam_board[v]) views_of[b.cal.data.views[v].frame].push_back(static_cast<int>(v));
   }
   Symmetry identity;
-  for (int i = 0; i < static_cast<int>(b.cal.data.target.points.size()); ++i)
+  for (int i = 0; i < static_cast<int>(b.cal.data.targets[0].points.size()); ++i)
     identity.permutation.push_back(i);
   for (std::size_t f = 0; f < views_of.size(); ++f) {
     if (views_of[f].size() < 2) continue;
@@ -244,10 +245,11 @@ Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& p
     for (std::size_t i = 0; i < parts[cam].view_index.size(); ++i) {
       const int v = parts[cam].view_index[i];
       b.cal.view_reason[v] = monos[cam].view_reason[i];
-      if (takes_part(monos[cam], i)) b.T_cam_board[v] = monos[cam].T_rig_board[data.views[v].frame];
+      if (takes_part(monos[cam], i))
+        b.T_cam_board[v] = monos[cam].T_rig_board[parts[cam].data.views[i].frame];
     }
   }
-  const std::vector<Symmetry> all = symmetries(data.target);
+  const std::vector<Symmetry> all = symmetries(data.targets[0]);
   b.adopt_frames(0);
   for (std::size_t n_placed = 1; n_placed < monos.size(); ++n_placed) {
     int next = -1;

@@ -10,11 +10,13 @@ namespace plumbline::detail {
 namespace {
 
 // The poses among the shared parameters, in their order, and where each starts.
-template <class Visit>
-void for_each_pose(const Offsets& offsets, Visit&& visit) {
-  for (std::size_t cam = 0; cam < offsets.pose.size(); ++cam) {
-    if (offsets.pose[cam] >= 0) visit(offsets.pose[cam], cam);
-  }
+template <class Cal, class Visit>
+void for_each_pose(Cal& cal, Visit&& visit) {
+  const Offsets offsets = offsets_of(cal);
+  for (std::size_t cam = 1; cam < cal.rig.cameras.size(); ++cam)
+    visit(offsets.pose[cam], cal.rig.T_cam_rig[cam]);
+  for (std::size_t board = 1; board < cal.data.targets.size(); ++board)
+    visit(offsets.board[board], cal.T_board0_board[board]);
 }
 
 }  // namespace
@@ -31,14 +33,13 @@ Reduction reduction_of(const SolveSpec& spec, int n_shared) {
 }
 
 VecX shared_values(const Calibration& cal) {
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   VecX x(offsets.total);
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     const auto k = params(cal.rig.cameras[cam].lens);
     std::copy(k.begin(), k.end(), x.data() + offsets.lens[cam]);
   }
-  for_each_pose(offsets, [&](int at, std::size_t cam) {
-    const SE3& T = cal.rig.T_cam_rig[cam];
+  for_each_pose(cal, [&](int at, const SE3& T) {
     x.segment<3>(at) = so3_log(T.R());
     x.segment<3>(at + 3) = T.t();
   });
@@ -46,16 +47,15 @@ VecX shared_values(const Calibration& cal) {
 }
 
 void set_shared_value(Calibration& cal, int index, double value) {
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     const auto k = params(cal.rig.cameras[cam].lens);
     const int i = index - offsets.lens[cam];
     if (i >= 0 && i < static_cast<int>(k.size())) k[static_cast<std::size_t>(i)] = value;
   }
-  for_each_pose(offsets, [&](int at, std::size_t cam) {
+  for_each_pose(cal, [&](int at, SE3& T) {
     const int i = index - at;
     if (i < 0 || i >= 6) return;
-    SE3& T = cal.rig.T_cam_rig[cam];
     Vec3 w = so3_log(T.R()), t = T.t();
     (i < 3 ? w[i] : t[i - 3]) = value;
     T = SE3(i < 3 ? so3_exp(w) : T.R(), t);
@@ -63,17 +63,16 @@ void set_shared_value(Calibration& cal, int index, double value) {
 }
 
 PriorRows prior_rows(const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
   const VecX x = shared_values(cal);
   const int n = static_cast<int>(spec.priors.size());
-  PriorRows rows{VecX(n), MatX::Zero(n, offsets.total)};
+  PriorRows rows{VecX(n), MatX::Zero(n, x.size())};
   for (int k = 0; k < n; ++k) {
     const PriorTerm& prior = spec.priors[k];
     const double weight = spec.prior_weight / prior.sigma;
     rows.r[k] = weight * (x[prior.index] - prior.value);
     rows.J(k, prior.index) = weight;
     // exp(dw) R has the rotation vector log(R) + J_l^-1 dw.
-    for_each_pose(offsets, [&](int at, std::size_t) {
+    for_each_pose(cal, [&](int at, const SE3&) {
       const int i = prior.index - at;
       if (i < 0 || i >= 3) return;
       const Vec3 w = x.segment<3>(at);

@@ -28,13 +28,14 @@ std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, 
   for (std::size_t i = 0; i < view.corners.size(); ++i) {
     if (cal.fits[v][i].outlier) continue;
     const Corner& c = view.corners[i];
-    list.push_back({cal.data.target.points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
+    list.push_back({cal.data.targets[view.target].points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
   }
   return list;
 }
 
 Offsets offsets_of(const Rig& rig) {
   Offsets o;
+  o.board.push_back(-1);
   for (const Camera& camera : rig.cameras) {
     o.lens.push_back(o.total);
     o.total += n_params(camera.lens);
@@ -43,6 +44,12 @@ Offsets offsets_of(const Rig& rig) {
     o.pose.push_back(i == 0 ? -1 : o.total);
     if (i > 0) o.total += 6;
   }
+  return o;
+}
+
+Offsets offsets_of(const Calibration& cal) {
+  Offsets o = offsets_of(cal.rig);
+  for (std::size_t i = 1; i < cal.data.targets.size(); ++i, o.total += 6) o.board.push_back(o.total);
   return o;
 }
 
@@ -98,6 +105,9 @@ bool all_finite(const Calibration& cal) {
   for (const SE3& T : cal.rig.T_cam_rig) {
     if (!finite(T.qt)) return false;
   }
+  for (const SE3& T : cal.T_board0_board) {
+    if (!finite(T.qt)) return false;
+  }
   return true;
 }
 
@@ -114,6 +124,7 @@ class Blocks {
   explicit Blocks(const Calibration& cal) {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
+    for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
     n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
@@ -128,6 +139,7 @@ class Blocks {
   /// Everything but the board poses, which come last, as one block.
   double* shared() { return values_.data(); }
   int n_shared() const { return static_cast<int>(n_shared_); }
+  double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
 
   void write_to(Calibration& cal) const {
     for (std::size_t i = 0; i < lens_.size(); ++i) {
@@ -135,6 +147,8 @@ class Blocks {
       std::copy_n(&values_[lens_[i]], k.size(), k.begin());
       std::copy_n(&values_[T_cam_rig_[i]], 7, cal.rig.T_cam_rig[i].qt.begin());
     }
+    for (std::size_t i = 0; i < T_board0_board_.size(); ++i)
+      std::copy_n(&values_[T_board0_board_[i]], 7, cal.T_board0_board[i].qt.begin());
     for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
       if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
     }
@@ -146,7 +160,7 @@ class Blocks {
     values_.insert(values_.end(), block.begin(), block.end());
   }
   std::vector<double> values_;
-  std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
   std::size_t n_shared_ = 0;
 };
 
@@ -160,29 +174,28 @@ bool has_ties(const SolveSpec& spec) {
 // Ties reach across blocks, so with any of them all shared parameters are one block: slower with many cameras,
 // because each view's Jacobian then has the columns of all, but the manifold says it all.
 void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   const Reduction reduction = reduction_of(spec, offsets.total);
   std::vector<std::unique_ptr<ceres::Manifold>> parts;
   std::vector<int> column;
-  const auto take = [&](int first, int n) {
-    for (int i = first; i < first + n; ++i) {
-      if (first < 0 || reduction.column[i] >= 0) column.push_back(first < 0 ? -1 : reduction.column[i]);
-    }
-  };
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     const int n = n_params(cal.rig.cameras[cam].lens), at = offsets.lens[cam];
     parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(n));
     for (int i = at; i < at + n; ++i) column.push_back(reduction.column[i]);
   }
-  for (int at : offsets.pose) {
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
     std::array<bool, 6> held{};
     for (int i = 0; i < 6; ++i) held[i] = at < 0 || is_held(spec, at + i);
     if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) {
       parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(7));
       column.insert(column.end(), 7, -1);
-    } else {
-      parts.push_back(make_pose_manifold(held));
-      take(at, 6);
+      continue;
+    }
+    parts.push_back(make_pose_manifold(held));
+    for (int i = 0; i < 6; ++i) {
+      if (!held[i]) column.push_back(reduction.column[at + i]);
     }
   }
   problem.SetManifold(blocks.shared(),
@@ -191,25 +204,29 @@ void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
 
 // A prior of a camera that no view of the problem shows changes nothing and is left out.
 void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   const bool tied = has_ties(spec);
   const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, double* block) {
-    if (tied)
-      problem.AddResidualBlock(
-          merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared()).release(),
-          nullptr, blocks.shared());
-    else if (problem.HasParameterBlock(block))
+    if (tied) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (problem.HasParameterBlock(block)) {
       problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
   };
   for (const PriorTerm& prior : spec.priors) {
     const double weight = spec.prior_weight / prior.sigma;
+    const auto add_to_pose = [&](int first, double* block) {
+      const int i = prior.index - first;
+      if (first >= 0 && i >= 0 && i < 6) add(make_pose_prior_cost(i, prior.value, weight), block);
+    };
     for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
       const int n = n_params(cal.rig.cameras[cam].lens), i = prior.index - offsets.lens[cam];
       if (i >= 0 && i < n) add(make_prior_cost(n, i, prior.value, weight), blocks.lens(cam));
-      const int k = prior.index - offsets.pose[cam];
-      if (offsets.pose[cam] >= 0 && k >= 0 && k < 6)
-        add(make_pose_prior_cost(k, prior.value, weight), blocks.T_cam_rig(cam));
+      add_to_pose(offsets.pose[cam], blocks.T_cam_rig(cam));
     }
+    for (int b = 1; b < static_cast<int>(cal.data.targets.size()); ++b)
+      add_to_pose(offsets.board[b], blocks.T_board0_board(b));
   }
 }
 
@@ -219,31 +236,40 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   const bool tied = has_ties(spec);
-  std::vector<bool> lens_seen(cal.rig.cameras.size(), false);
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
-    const int cam = cal.data.views[v].cam;
+    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     const Lens& lens = cal.rig.cameras[cam].lens;
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
+    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0);
+    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
+    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
     if (tied) {
-      const auto at = [&](const double* block) { return static_cast<int>(block - blocks.shared()); };
-      cost = merge_blocks(std::move(cost), {at(k), at(T_cam_rig), -1}, blocks.n_shared());
-      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared(), T_rig_board);
-    } else {
-      problem.AddResidualBlock(cost.release(), nullptr, k, T_cam_rig, T_rig_board);
+      std::vector<int> at;
+      for (const double* block : parameters)
+        at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+      cost = merge_blocks(std::move(cost), std::move(at), blocks.n_shared());
+      parameters = {blocks.shared(), T_rig_board};
     }
+    problem.AddResidualBlock(cost.release(), nullptr, parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
-    if (lens_seen[cam] || tied) continue;
+    if (tied) continue;
+    if (target > 0 && !board_seen[target]) {
+      board_seen[target] = true;
+      hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
+      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
+    }
+    if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
     hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
     ordering->AddElementToGroup(k, 1);

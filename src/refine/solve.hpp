@@ -32,6 +32,8 @@ struct SolveSpec {
   /// What a residual of 1 in a prior weighs: the standard deviation of one (weighted) residual coordinate, so
   /// that corners and priors weigh by what they are worth.
   double prior_weight = 1.0;
+  /// The share of the residuals' variance that marking outliers leaves of it (truncated_variance()).
+  double variance_kept = 1.0;
   bool hold_boards = false;  ///< move no board pose
   Solver solver = Solver::kBlocks;
   int n_threads = 1;  ///< of the block solver
@@ -57,12 +59,14 @@ bool takes_part(const Calibration& calibration, std::size_t view);
 /// The corners of a view that take part; none when the view does not.
 std::vector<Observation> observations_of(const Calibration& calibration, std::size_t view, bool use_sigma);
 
-/// Where the shared parameters of each camera start in shared_parameter_names(); pose[0] = -1: camera 0 has
-/// none.
+/// Where the shared parameters of each camera and each board start in shared_parameter_names(); pose[0] = -1
+/// and board[0] = -1: camera 0 and the first board have none.
 struct Offsets {
-  std::vector<int> lens, pose;
+  std::vector<int> lens, pose, board;
   int total = 0;
 };
+Offsets offsets_of(const Calibration& calibration);
+/// The same for a calibration of one board.
 Offsets offsets_of(const Rig& rig);
 
 /// The free numbers behind the shared parameters: column[i] is that of parameter i, -1 where it is held.
@@ -98,7 +102,8 @@ struct SharedCovariance {
   MatX unit_covariance;
   VecX
       null_direction;  ///< the least determined of those directions, unit length, scaled parameters; or empty
-  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals + priors - free parameters)
+  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals + priors - free
+                        ///< parameters) / variance_kept
   int n_residuals = 0, n_free = 0;
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);

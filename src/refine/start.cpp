@@ -65,10 +65,10 @@ Result<std::vector<Lens>> lenses_of(const Dataset& data, const Rig& rig, const s
 double misfit(const Calibration& cal, const View& view, const SE3& T_rig_board) {
   const Camera& camera = cal.rig.cameras[view.cam];
   const double cap = std::pow(0.05 * std::hypot(camera.size.width, camera.size.height), 2);
-  const SE3 T_cam_board = cal.rig.T_cam_rig[view.cam] * T_rig_board;
+  const SE3 T_cam_board = cal.rig.T_cam_rig[view.cam] * T_rig_board * cal.T_board0_board[view.target];
   double sum = 0;
   for (const Corner& c : view.corners) {
-    const auto px = project(camera.lens, T_cam_board * cal.data.target.points[c.point]);
+    const auto px = project(camera.lens, T_cam_board * cal.data.targets[view.target].points[c.point]);
     sum += px ? std::min((*px - c.px).squaredNorm(), cap) : cap;
   }
   return sum;
@@ -82,9 +82,10 @@ void pose_frames(Calibration& cal, const Dataset& sound) {
     for (const View& source : sound.views) {
       if (source.frame != static_cast<int>(f) || source.corners.size() < 4) continue;
       const auto T_cam_board =
-          find_pose(cal.rig.cameras[source.cam].lens, cal.data.target, source);
+          find_pose(cal.rig.cameras[source.cam].lens, cal.data.targets[source.target], source);
       if (!T_cam_board) continue;
-      const SE3 T_rig_board = cal.rig.T_cam_rig[source.cam].inverse() * *T_cam_board;
+      const SE3 T_rig_board = cal.rig.T_cam_rig[source.cam].inverse() * *T_cam_board *
+                              cal.T_board0_board[source.target].inverse();
       double sum = 0;
       for (const View& view : sound.views) {
         if (view.frame == static_cast<int>(f)) sum += misfit(cal, view, T_rig_board);
@@ -114,30 +115,37 @@ Result<Calibration> start_from(const Dataset& data, const Rig& rig, const StartF
   if (auto status = validate(data); !status) return status.error();
   PLUMBLINE_CHECK(options.T_rig_board.empty() || options.T_rig_board.size() == data.frames.size(),
                   "one known board pose or nullopt for each frame");
+  PLUMBLINE_CHECK(options.T_board0_board.empty() || options.T_board0_board.size() == data.targets.size(),
+                  "one place for each board, or none");
   const auto matches = match(data, rig);
   if (!matches) return matches.error();
   const auto lenses = lenses_of(data, rig, *matches, options.lenses);
   if (!lenses) return lenses.error();
   const Dataset sound = without_suspects(data, options.n_threads);
   Calibration cal = empty_calibration(data, *lenses);
-  if (options.places_known || data.cameras.size() == 1) {
-    const SE3 T_rig_first = rig.T_cam_rig[matches->front()].inverse();
-    for (std::size_t i = 1; i < matches->size(); ++i)
-      cal.rig.T_cam_rig[i] = rig.T_cam_rig[(*matches)[i]] * T_rig_first;
-    for (std::size_t f = 0; f < options.T_rig_board.size(); ++f) {
-      if (options.T_rig_board[f]) cal.T_rig_board[f] = T_rig_first.inverse() * *options.T_rig_board[f];
-    }
-    pose_frames(cal, sound);
-  } else {
+  const bool places_known = options.places_known || data.cameras.size() == 1;
+  const bool boards_known = data.targets.size() == 1 || !options.T_board0_board.empty();
+  if (!places_known || !boards_known) {
     auto placed = place_cameras(data, sound, *lenses);
     if (!placed) return placed.error();
     cal = *std::move(placed);
   }
+  if (places_known) {
+    const SE3 T_rig_first = rig.T_cam_rig[matches->front()].inverse(), T_first_rig = T_rig_first.inverse();
+    for (std::size_t i = 1; i < matches->size(); ++i)
+      cal.rig.T_cam_rig[i] = rig.T_cam_rig[(*matches)[i]] * T_rig_first;
+    if (!options.T_board0_board.empty()) cal.T_board0_board = options.T_board0_board;
+    cal.T_rig_board.assign(data.frames.size(), std::nullopt);
+    for (std::size_t f = 0; f < options.T_rig_board.size(); ++f) {
+      if (options.T_rig_board[f]) cal.T_rig_board[f] = T_first_rig * *options.T_rig_board[f];
+    }
+    pose_frames(cal, sound);
+  }
   bool any = false;
   for (std::size_t v = 0; v < data.views.size(); ++v) {
-    if (!cal.T_rig_board[data.views[v].frame]) continue;
-    cal.fits[v].resize(data.views[v].corners.size());
-    any = true;
+    const bool posed = cal.T_rig_board[data.views[v].frame].has_value();
+    cal.fits[v].assign(posed ? data.views[v].corners.size() : 0, CornerFit{});
+    any = any || posed;
   }
   if (!any)
     return Error{ErrorCode::kNotConverged,

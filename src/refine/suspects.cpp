@@ -190,7 +190,7 @@ Dataset without_suspects(const Dataset& data, int n_threads) {
   Dataset sound = data;
   parallel_for(static_cast<int>(sound.views.size()), n_threads, [&](int v) {
     View& view = sound.views[static_cast<std::size_t>(v)];
-    const std::vector<bool> suspects = suspect_corners(data.target, view);
+    const std::vector<bool> suspects = suspect_corners(data.targets[view.target], view);
     std::size_t i = 0;
     std::erase_if(view.corners, [&](const Corner&) { return suspects[i++]; });
   });

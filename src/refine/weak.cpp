@@ -45,7 +45,7 @@ Tilts tilts_of(const Calibration& cal, int cam) {
   Tilts tilts;
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (cal.data.views[v].cam != cam || !takes_part(cal, v)) continue;
-    normals.push_back((cal.rig.T_cam_rig[cam] * *cal.T_rig_board[cal.data.views[v].frame]).R().col(2));
+    normals.push_back((cal.rig.T_cam_rig[cam] * *board_pose(cal, cal.data.views[v])).R().col(2));
     // atan2 of the cross product: acos loses half the digits near zero
     const Vec3& n = normals.back();
     tilts.largest_deg =
@@ -58,6 +58,11 @@ Tilts tilts_of(const Calibration& cal, int cam) {
     }
   }
   return tilts;
+}
+
+bool all_planar(const Calibration& cal) {
+  return std::all_of(cal.data.targets.begin(), cal.data.targets.end(),
+                     [](const Target& target) { return target.is_planar; });
 }
 
 constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
@@ -88,7 +93,7 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   const SymEigen eigen =
       sym_eigen(scale.asDiagonal() * covariance.block(offset, offset, 4, 4) * scale.asDiagonal());
   const Tilts tilts = tilts_of(cal, cam);
-  const bool all_alike = cal.data.target.is_planar && tilts.spread_deg < kWeakSpreadDeg;
+  const bool all_alike = all_planar(cal) && tilts.spread_deg < kWeakSpreadDeg;
   for (int i = 3; i >= 0; --i) {
     const VecX direction = eigen.vectors.col(i);
     const double sigma = std::sqrt(std::max(0.0, eigen.values[i]));
@@ -144,7 +149,7 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
   const bool has_prior = std::any_of(priors.begin(), priors.end(), [&](const PriorTerm& prior) {
     return prior.index == offset || prior.index == offset + 1;
   });
-  const bool head_on = !has_prior && cal.data.target.is_planar && is_central_perspective(camera.lens) &&
+  const bool head_on = !has_prior && all_planar(cal) && is_central_perspective(camera.lens) &&
                        tilts.largest_deg < kHeadOnDeg && sigma > 0;
   if (!(sigma > kUselessFocal * fx) && !head_on) return {};
   return Error{
@@ -159,7 +164,7 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
 }  // namespace
 
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
-  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  const std::vector<std::string> names = shared_parameter_names(cal);
   const SharedCovariance c = shared_covariance(cal, spec);
   cal.covariance = c.variance * c.unit_covariance;
   const MatX judged = std::max(c.variance, kSmallestNoisePx * kSmallestNoisePx) * c.unit_covariance;

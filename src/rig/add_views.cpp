@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <set>
 #include <utility>
 
 #include "plumbline/core/text.hpp"
@@ -36,6 +37,23 @@ Result<std::vector<int>> match_cameras(const Dataset& old, const Dataset& more) 
   return matches;
 }
 
+// The old index of each board.
+Result<std::vector<int>> match_targets(const Dataset& old, const Dataset& more) {
+  std::vector<int> matches;
+  for (const Target& target : more.targets) {
+    const auto at = std::find_if(old.targets.begin(), old.targets.end(),
+                                 [&](const Target& other) { return other.spec == target.spec; });
+    if (at == old.targets.end()) {
+      std::vector<std::string> names;
+      for (const Target& other : old.targets) names.push_back(other.name);
+      return bad(fmt::format("the earlier views show {}, the new ones {}", join(names, ", "), target.name),
+                 "target");
+    }
+    matches.push_back(static_cast<int>(at - old.targets.begin()));
+  }
+  return matches;
+}
+
 // A name for a new frame that no other has: "01", "01 (2)", ...
 std::string free_name(const std::vector<std::string>& taken, const std::string& wanted) {
   std::string name = wanted;
@@ -47,34 +65,34 @@ std::string free_name(const std::vector<std::string>& taken, const std::string& 
 }  // namespace
 
 Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool replace) {
-  if (!(old.data.target.spec == more.target.spec))
-    return bad(fmt::format("the earlier views show {}, the new ones {}", old.data.target.name, more.target.name),
-               "target");
+  const auto targets = match_targets(old.data, more);
+  if (!targets) return targets.error();
   const auto cameras = match_cameras(old.data, more);
   if (!cameras) return cameras.error();
   Calibration cal;
   cal.rig = old.rig;
   cal.data = old.data;
   cal.T_rig_board = old.T_rig_board;
+  cal.T_board0_board = old.T_board0_board;
   cal.provenance = old.provenance;
 
   std::vector<int> frame_of(more.frames.size(), -1);
-  std::vector<std::string> there;
+  std::set<std::string> there;
   for (const View& view : more.views) {
     const int cam = (*cameras)[view.cam];
     std::erase_if(cal.data.views, [&](const View& other) {
       if (other.cam != cam || other.image != view.image) return false;
-      there.push_back(view.image);
+      there.insert(view.image);
       frame_of[view.frame] = other.frame;
       cal.T_rig_board[other.frame].reset();
       return true;
     });
   }
   if (!there.empty() && !replace) {
-    const std::size_t n = there.size();
-    there.resize(std::min<std::size_t>(n, 5));
+    std::vector<std::string> named(there.begin(), there.end());
+    if (named.size() > 5) named.resize(5);
     return bad(fmt::format("{} of the new images are there already ({}{}); leave them away, or have them replaced",
-                           n, join(there, ", "), n > there.size() ? ", ..." : ""),
+                           there.size(), join(named, ", "), there.size() > named.size() ? ", ..." : ""),
                "views");
   }
   for (View view : more.views) {
@@ -86,10 +104,12 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
     }
     view.cam = (*cameras)[view.cam];
     view.frame = frame;
+    view.target = (*targets)[view.target];
     cal.data.views.push_back(std::move(view));
   }
   std::stable_sort(cal.data.views.begin(), cal.data.views.end(), [](const View& a, const View& b) {
-    return a.cam != b.cam ? a.cam < b.cam : natural_less(a.image, b.image);
+    if (a.cam != b.cam) return a.cam < b.cam;
+    return a.image != b.image ? natural_less(a.image, b.image) : a.target < b.target;
   });
   if (!more.detector.empty() && more.detector != cal.data.detector)
     cal.data.detector += (cal.data.detector.empty() ? "" : "; added: ") + more.detector;

@@ -130,7 +130,7 @@ TEST(Conventions, StepsAreOnTheLeftRotationBeforeTranslation) {
 TEST(Conventions, RigPosesLeadFromTheRigToACamera) {
   // A second camera 0.1 m to the right of the first sees a point further to the left.
   Calibration c;
-  c.data.target = *make_target(Chessboard{3, 3, 0.1});
+  c.data.targets = {*make_target(Chessboard{3, 3, 0.1})};
   for (const char* name : {"left", "right"})
     c.rig.cameras.push_back({name, {640, 480}, *make_lens("pinhole", {640, 480}, 500.0)});
   c.rig.T_cam_rig = {SE3(), SE3(Mat3::Identity(), Vec3(-0.1, 0, 0))};

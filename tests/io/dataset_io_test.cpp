@@ -11,8 +11,8 @@ namespace {
 using ::testing::HasSubstr;
 
 void expect_same(const Dataset& a, const Dataset& b) {
-  EXPECT_EQ(a.target.spec, b.target.spec);
-  EXPECT_EQ(a.target.name, b.target.name);
+  EXPECT_EQ(a.targets[0].spec, b.targets[0].spec);
+  EXPECT_EQ(a.targets[0].name, b.targets[0].name);
   EXPECT_EQ(a.frames, b.frames);
   EXPECT_EQ(a.detector, b.detector);
   ASSERT_EQ(a.cameras.size(), b.cameras.size());

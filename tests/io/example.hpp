@@ -20,7 +20,7 @@ inline Calibration example_calibration() {
        {752, 480},
        make_lens("kb4", {{400.0 / 3, 401, 320, 240, 0.01, -0.02, 1e-300, -0.0}}).value()});
   c.rig.T_cam_rig = {SE3(), SE3(so3_exp({0.01, -0.02, 0.003}), {-0.1, 1.0 / 3000, 0.002})};
-  c.data.target = make_target(Chessboard{3, 2, 0.025}).value();
+  c.data.targets = {make_target(Chessboard{3, 2, 0.025}).value()};
   c.data.cameras = {{"left", {640, 480}}, {"right eye: 2", {752, 480}}};
   c.data.frames = {"01", "2", "x y"};
   c.data.detector = "chessboard: cornerSubPix";

@@ -216,7 +216,7 @@ TEST(Constraints, APriorIsFusedWithTheCorners) {
   options.mark_outliers = false;
   const auto without = refine(start, options);
   ASSERT_TRUE(without);
-  const std::vector<std::string> names = shared_parameter_names(start.rig);
+  const std::vector<std::string> names = shared_parameter_names(start);
   for (const std::string name : {"cam0 fx", "cam1 k1", "cam1 r_y", "cam1 t_z"}) {
     const int i = static_cast<int>(std::find(names.begin(), names.end(), name) - names.begin());
     // For r_y the step and the rotation vector differ by less than the tolerance: the turn is small.

@@ -59,7 +59,7 @@ TEST(Suspects, AreTheWrongCornersAndNoOthersUnderAnyLens) {
     const Simulation sim = simulate(scene_of(lens, fov, 4));
     const Dataset clean = with_noise(sim.truth.data, 0.3, 5);
     for (const View& view : clean.views) {
-      const auto flags = detail::suspect_corners(clean.target, view);
+      const auto flags = detail::suspect_corners(clean.targets[0], view);
       EXPECT_EQ(std::count(flags.begin(), flags.end(), true), 0) << lens << " " << fov << " " << view.image;
     }
     for (const Fault fault : {Fault::kUniform, Fault::kSwapped}) {
@@ -67,7 +67,7 @@ TEST(Suspects, AreTheWrongCornersAndNoOthersUnderAnyLens) {
       const Dataset data = spoil(clean, fault, 6, &wrong);
       int n_wrong = 0, n_found = 0, n_good_lost = 0;
       for (std::size_t v = 0; v < data.views.size(); ++v) {
-        const auto flags = detail::suspect_corners(data.target, data.views[v]);
+        const auto flags = detail::suspect_corners(data.targets[0], data.views[v]);
         for (std::size_t i = 0; i < flags.size(); ++i) {
           // One that landed near its place does no harm.
           const double off = (data.views[v].corners[i].px - clean.views[v].corners[i].px).norm();
@@ -87,15 +87,15 @@ TEST(Suspects, AreNotSoughtWhereNeighboursSayNothing) {
   View view = sim.truth.data.views[0];
   Rng rng(3);
   for (Corner& c : view.corners) c.px = Vec2(rng.uniform(0, 639), rng.uniform(0, 479));
-  const auto all_wrong = detail::suspect_corners(sim.truth.data.target, view);
+  const auto all_wrong = detail::suspect_corners(sim.truth.data.targets[0], view);
   EXPECT_EQ(std::count(all_wrong.begin(), all_wrong.end(), true), 0);
   view.corners.resize(8);
-  EXPECT_EQ(detail::suspect_corners(sim.truth.data.target, view), std::vector<bool>(8, false));
+  EXPECT_EQ(detail::suspect_corners(sim.truth.data.targets[0], view), std::vector<bool>(8, false));
   // Two rows only: no polynomial of second degree across them.
   view = sim.truth.data.views[0];
   view.corners.resize(22);
   view.corners[5].px.x() += 100;
-  EXPECT_NO_THROW(detail::suspect_corners(sim.truth.data.target, view));
+  EXPECT_NO_THROW(detail::suspect_corners(sim.truth.data.targets[0], view));
 }
 
 TEST(Outliers, TheRuleLosesAsManyGoodCornersAsItSays) {
@@ -134,6 +134,30 @@ TEST(Outliers, TheCovarianceKnowsThatTheTailsAreCutOff) {
   const double lost = static_cast<double>(cut->stats.n_outliers) / all->stats.n_corners;
   EXPECT_NEAR(lost, std::exp(-2.0), 0.03);
   EXPECT_NEAR(std::sqrt((*cut->covariance)(0, 0) / (*all->covariance)(0, 0)), std::sqrt(1 / (1 - lost)), 0.06);
+}
+
+// Counting the rows from one too far is consistent within the view, and contradicts the other camera's.
+TEST(Outliers, AViewThatCountsFromAnotherRowIsDropped) {
+  Scene scene{.lenses = {example_lens("opencv5"), example_lens("opencv5")}, .target = kBoard, .seed = 5};
+  const Simulation sim = simulate(scene);
+  Dataset data = with_noise(sim.truth.data, 0.2, 6);
+  const auto view = std::find_if(data.views.begin(), data.views.end(),
+                                 [](const View& v) { return v.cam == 1 && v.corners.size() == 88; });
+  ASSERT_NE(view, data.views.end());
+  view->corners.resize(77);
+  for (Corner& c : view->corners) c.point += 11;
+  RefineOptions options;
+  const auto cal = calibrate(data, options);
+  ASSERT_TRUE(cal) << cal.error().text();
+  // Which of the two is wrong the images do not say.
+  int n_dropped = 0;
+  for (std::size_t v = 0; v < data.views.size(); ++v) {
+    n_dropped += !cal->view_reason[v].empty();
+    EXPECT_TRUE(cal->view_reason[v].empty() || data.views[v].frame == view->frame) << cal->view_reason[v];
+  }
+  EXPECT_EQ(n_dropped, 1);
+  EXPECT_NEAR(cal->stats.rms_xy_px, 0.2, 0.01);
+  EXPECT_LT(box_minus(cal->rig.T_cam_rig[1], sim.truth.rig.T_cam_rig[1]).norm(), 2e-3);
 }
 
 // 5 % of wrong corners may cost a tenth of the accuracy; that they are missing alone costs 1 / sqrt(0.95).

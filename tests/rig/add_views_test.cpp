@@ -11,7 +11,7 @@ using ::testing::HasSubstr;
 
 Dataset two_cameras(const std::string& folder, int n_frames) {
   Dataset data;
-  data.target = *make_target(Chessboard{.columns = 9, .rows = 6, .square_m = 0.025});
+  data.targets = {*make_target(Chessboard{.columns = 9, .rows = 6, .square_m = 0.025})};
   data.cameras = {{"left", {640, 480}}, {"right", {640, 480}}};
   for (int f = 0; f < n_frames; ++f) data.frames.push_back("0" + std::to_string(f));
   for (int cam = 0; cam < 2; ++cam) {
@@ -75,7 +75,7 @@ TEST(AddViews, RefusesWhatDoesNotBelong) {
   more.cameras[1].size = {320, 240};
   EXPECT_THAT(add_views(old, more, false).error().text(), HasSubstr("320x240"));
   more = two_cameras("new/", 1);
-  more.target = *make_target(Chessboard{.columns = 8, .rows = 6, .square_m = 0.025});
+  more.targets = {*make_target(Chessboard{.columns = 8, .rows = 6, .square_m = 0.025})};
   EXPECT_THAT(add_views(old, more, false).error().text(), HasSubstr("8x6"));
   // one replaced, the other of its frame new: both of that frame, which then has two images of one camera
   more = two_cameras("", 1);

@@ -14,7 +14,7 @@ Calibration two_cameras() {
   c.rig.cameras = {{"left", {640, 480}, OpenCV5{500, 505, 320, 240, {-0.2, 0.05, 0.001, 0.002, 0.01}}},
                    {"right", {640, 480}, Pinhole{510, 510, 318, 238}}};
   c.rig.T_cam_rig = {SE3(), SE3(so3_exp({0.01, -0.05, 0.02}), {-0.1, 0.002, 0.003})};
-  c.data.target = *make_target(Chessboard{});
+  c.data.targets = {*make_target(Chessboard{})};
   c.data.cameras = {{"left", {640, 480}}, {"right", {640, 480}}};
   c.data.frames = {"0", "1"};
   c.T_rig_board = {SE3(so3_exp({0.2, 0.3, 0.1}), {-0.1, -0.05, 0.6}), std::nullopt};
@@ -26,7 +26,7 @@ TEST(Calibration, PredictIsOpenCVsProjectionOfTheChain) {
   for (int cam : {0, 1}) {
     const SE3 T_cam_board = c.rig.T_cam_rig[cam] * *c.T_rig_board[0];
     const Vec3 w = so3_log(T_cam_board.R()), t = T_cam_board.t();
-    const Vec3& p = c.data.target.points[30];
+    const Vec3& p = c.data.targets[0].points[30];
     const auto k = params(c.rig.cameras[cam].lens);
     const cv::Mat K = (cv::Mat_<double>(3, 3) << k[0], 0, k[2], 0, k[1], k[3], 0, 0, 1);
     std::vector<cv::Point2d> px;
@@ -67,7 +67,7 @@ TEST(Calibration, RmsCountsInliersOnly) {
 
 TEST(Dataset, ValidationNamesTheView) {
   Dataset good;
-  good.target = *make_target(Chessboard{});
+  good.targets = {*make_target(Chessboard{})};
   good.cameras = {{"cam", {640, 480}}};
   good.frames = {"0", "1"};
   good.views = {{0, 0, "a.png", {{0, {1, 1}}, {5, {2, 2}}}, ""}};

@@ -19,6 +19,7 @@ struct StartFrom {
   /// Board poses that are known, one per frame of the data (in the frame of the RIG's first camera); empty or
   /// nullopt: found.
   std::vector<std::optional<SE3>> T_rig_board;
+  std::vector<SE3> T_board0_board;  ///< how several boards stand to one another; empty: found
   int n_threads = 0;  ///< <= 0: all cores
 };
 
