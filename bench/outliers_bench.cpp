@@ -54,6 +54,10 @@ Outcome trial(const Kind& kind, std::uint64_t seed, bool with_peers) {
     if (const auto cal = calibrate(data, options)) {
       outcome.ours[f] = error_px(camera, cal->rig.cameras[0]);
       count_marks(outcome, f, *cal, truth.data);
+      for (const std::string& reason : cal->view_reason) {
+        if (!reason.empty())
+          fmt::print(stderr, "{} {} seed {} {}: {}\n", kind.lens, kind.fov_deg, seed, name_of(kFaults[f]), reason);
+      }
     } else {
       fmt::print(stderr, "{} {} seed {} {}: {}\n", kind.lens, kind.fov_deg, seed, name_of(kFaults[f]),
                  cal.error().text());
