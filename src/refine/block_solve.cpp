@@ -98,6 +98,10 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
+  for (std::size_t i = 0; i < spec.tied_to.size(); ++i) {
+    if (spec.tied_to[i] != static_cast<int>(i)) return false;
+  }
+  if (!spec.priors.empty()) return false;
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal);
   std::vector<int> poses = offsets.pose;
