@@ -56,7 +56,14 @@ void drop_view(Calibration& cal, std::size_t v, std::string reason) {
   cal.T_rig_board[frame].reset();
 }
 
-bool mark_outliers(Calibration& cal, const RefineOptions& options) {
+namespace {
+
+// Flags every corner anew by a bound of this many robust standard deviations.
+struct Marking {
+  bool changed = false;
+  std::vector<double> bound;  // per camera
+};
+Marking mark(Calibration& cal, const RefineOptions& options, double n_sigmas) {
   std::vector<std::vector<bool>> before(cal.fits.size()), lost(cal.fits.size());
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     for (CornerFit& fit : cal.fits[v]) {
@@ -68,26 +75,44 @@ bool mark_outliers(Calibration& cal, const RefineOptions& options) {
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     for (const CornerFit& fit : cal.fits[v]) lost[v].push_back(fit.outlier);
   }
-  const std::vector<double> sigmas = robust_sigmas(cal, lost, options);
-  bool changed = false;
+  Marking marking{false, robust_sigmas(cal, lost, options)};
+  for (double& bound : marking.bound) bound *= n_sigmas;
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
-    const double bound = options.outlier_sigma * sigmas[view.cam];
-    std::size_t n_kept = 0;
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       CornerFit& fit = cal.fits[v][i];
-      fit.outlier = lost[v][i] || weight_of(view.corners[i], options) * fit.residual_px.norm() > bound;
-      changed = changed || fit.outlier != before[v][i];
-      n_kept += !fit.outlier;
+      fit.outlier = lost[v][i] || weight_of(view.corners[i], options) * fit.residual_px.norm() >
+                                      marking.bound[view.cam];
+      marking.changed = marking.changed || fit.outlier != before[v][i];
     }
+  }
+  return marking;
+}
+
+}  // namespace
+
+bool mark_outliers(Calibration& cal, const RefineOptions& options) {
+  Marking marking = mark(cal, options, options.outlier_sigma);
+  for (std::size_t v = 0; v < cal.fits.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    const auto n_kept = static_cast<std::size_t>(
+        std::count_if(cal.fits[v].begin(), cal.fits[v].end(), [](const CornerFit& fit) { return !fit.outlier; }));
     if (n_kept >= 4 && 4 * n_kept >= view.corners.size()) continue;
     drop_view(cal, v,
               fmt::format("only {} of its {} corners agree with the other views to {:.2g} px", n_kept,
-                          view.corners.size(), bound));
-    changed = true;
+                          view.corners.size(), marking.bound[view.cam]));
+    marking.changed = true;
   }
-  return changed;
+  return marking.changed;
+}
+
+void mark_gross(Calibration& cal, const RefineOptions& options) { mark(cal, options, 4 * options.outlier_sigma); }
+
+double truncated_variance(double k) {
+  const double a = 0.5 * k * k;
+  return a < 1e-6 ? 0.5 * a : 1 - a / std::expm1(a);
 }
 
 }  // namespace plumbline::detail

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "plumbline/refine/refine.hpp"
+#include "refine/constraints.hpp"
 #include "refine/solve.hpp"
 
 namespace plumbline::detail {
@@ -56,9 +57,9 @@ double robust_scale_px(const Calibration& calibration);
 void bring_back(Calibration& calibration);
 
 /// Seeds one camera without a focal length from the user, and refines it alone under a robust loss.
-/// \param held  over shared_parameter_names() of the rig of this one camera
+/// \param constraints  over shared_parameter_names() of the rig of this one camera
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
-                                const RefineOptions& options, const std::vector<bool>& held);
+                                const RefineOptions& options, const Constraints& constraints);
 
 /// Places all cameras relative to camera 0 and all boards relative to the first from the frames that they
 /// share, or by their motion; renumbers boards that another camera numbered the other way round, and gives

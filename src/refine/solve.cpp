@@ -10,10 +10,10 @@
 #include <cmath>
 #include <utility>
 
-#include "plumbline/core/text.hpp"
 #include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
+#include "refine/shared_block.hpp"
 
 namespace plumbline::detail {
 
@@ -125,6 +125,7 @@ class Blocks {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
     for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
+    n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -135,6 +136,9 @@ class Blocks {
   double* lens(int cam) { return &values_[lens_[cam]]; }
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+  /// Everything but the board poses, which come last, as one block.
+  double* shared() { return values_.data(); }
+  int n_shared() const { return static_cast<int>(n_shared_); }
   double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
 
   void write_to(Calibration& cal) const {
@@ -157,7 +161,74 @@ class Blocks {
   }
   std::vector<double> values_;
   std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
+  std::size_t n_shared_ = 0;
 };
+
+bool has_ties(const SolveSpec& spec) {
+  for (std::size_t i = 0; i < spec.tied_to.size(); ++i) {
+    if (spec.tied_to[i] != static_cast<int>(i) && !is_held(spec, static_cast<int>(i))) return true;
+  }
+  return false;
+}
+
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many cameras,
+// because each view's Jacobian then has the columns of all, but the manifold says it all.
+void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
+  const Reduction reduction = reduction_of(spec, offsets.total);
+  std::vector<std::unique_ptr<ceres::Manifold>> parts;
+  std::vector<int> column;
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const int n = n_params(cal.rig.cameras[cam].lens), at = offsets.lens[cam];
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(n));
+    for (int i = at; i < at + n; ++i) column.push_back(reduction.column[i]);
+  }
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
+    std::array<bool, 6> held{};
+    for (int i = 0; i < 6; ++i) held[i] = at < 0 || is_held(spec, at + i);
+    if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) {
+      parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(7));
+      column.insert(column.end(), 7, -1);
+      continue;
+    }
+    parts.push_back(make_pose_manifold(held));
+    for (int i = 0; i < 6; ++i) {
+      if (!held[i]) column.push_back(reduction.column[at + i]);
+    }
+  }
+  problem.SetManifold(blocks.shared(),
+                      make_tied_manifold(std::move(parts), std::move(column), reduction.n_free).release());
+}
+
+// A prior of a camera that no view of the problem shows changes nothing and is left out.
+void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, double* block) {
+    if (tied) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (problem.HasParameterBlock(block)) {
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
+  };
+  for (const PriorTerm& prior : spec.priors) {
+    const double weight = spec.prior_weight / prior.sigma;
+    const auto add_to_pose = [&](int first, double* block) {
+      const int i = prior.index - first;
+      if (first >= 0 && i >= 0 && i < 6) add(make_pose_prior_cost(i, prior.value, weight), block);
+    };
+    for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
+      const int n = n_params(cal.rig.cameras[cam].lens), i = prior.index - offsets.lens[cam];
+      if (i >= 0 && i < n) add(make_prior_cost(n, i, prior.value, weight), blocks.lens(cam));
+      add_to_pose(offsets.pose[cam], blocks.T_cam_rig(cam));
+    }
+    for (int b = 1; b < static_cast<int>(cal.data.targets.size()); ++b)
+      add_to_pose(offsets.board[b], blocks.T_board0_board(b));
+  }
+}
 
 }  // namespace
 
@@ -166,6 +237,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
@@ -175,16 +247,23 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
+    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0);
     std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
     if (target > 0) parameters.push_back(blocks.T_board0_board(target));
-    problem.AddResidualBlock(
-        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0).release(),
-        nullptr, parameters);
+    if (tied) {
+      std::vector<int> at;
+      for (const double* block : parameters)
+        at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+      cost = merge_blocks(std::move(cost), std::move(at), blocks.n_shared());
+      parameters = {blocks.shared(), T_rig_board};
+    }
+    problem.AddResidualBlock(cost.release(), nullptr, parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    if (tied) continue;
     if (target > 0 && !board_seen[target]) {
       board_seen[target] = true;
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
@@ -200,9 +279,15 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
       hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
     ordering->AddElementToGroup(T_cam_rig, 1);
   }
+  if (problem.NumResiduals() > 0 && tied) {
+    tie_shared(problem, blocks, cal, spec);
+    ordering->AddElementToGroup(blocks.shared(), 1);
+  }
+  add_priors(problem, blocks, cal, spec);
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
-  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  if (problem.NumResidualBlocks() == static_cast<int>(tied ? spec.priors.size() : 0))
+    return {.termination = "no corner to use"};
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -236,27 +321,6 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
-}
-
-Result<std::vector<bool>> held_mask(const Calibration& cal, const std::vector<std::string>& fixed) {
-  const std::vector<std::string> names = shared_parameter_names(cal);
-  std::vector<bool> held(names.size(), false);
-  for (const std::string& wanted : fixed) {
-    bool found = false;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      // Camera names may hold spaces, parameter names do not: the parameter is what follows the last space.
-      const std::string parameter = names[i].substr(names[i].rfind(' ') + 1);
-      if (names[i] != wanted && parameter != wanted) continue;
-      held[i] = true;
-      found = true;
-    }
-    if (!found) {
-      return Error{ErrorCode::kInvalidData,
-                   "no shared parameter has this name; there are: " + join(names, ", "),
-                   "fixed parameter '" + wanted + "'"};
-    }
-  }
-  return held;
 }
 
 }  // namespace plumbline::detail
