@@ -224,7 +224,7 @@ Error gap_error(const Dataset& data, const std::vector<Sight>& sights, const Rig
     message += fmt::format(
         ", or turn the whole rig about two axes while each sees its own board; so far that does not do: {}",
         motion);
-  return {ErrorCode::kDegenerate, std::move(message), "cameras " + join(names, ", ")};
+  return {ErrorCode::kDegenerate, std::move(message), "rig"};
 }
 
 }  // namespace plumbline::detail
