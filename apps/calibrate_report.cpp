@@ -137,6 +137,17 @@ std::string text_of_camera_matrices(const Calibration& c) {
   return text;
 }
 
+// An image in which this board was looked for and not found, but another one was used: nothing to report.
+bool shows_another_board(const Calibration& c, std::size_t v) {
+  const View& view = c.data.views[v];
+  if (c.data.targets.size() == 1 || !view.corners.empty()) return false;
+  for (std::size_t other = 0; other < c.data.views.size(); ++other) {
+    const View& o = c.data.views[other];
+    if (o.cam == view.cam && o.frame == view.frame && c.view_reason[other].empty()) return true;
+  }
+  return false;
+}
+
 std::string text_of_pose(const std::string& of, const std::string& from, const SE3& T) {
   const Vec3 w_deg = so3_log(T.R()) * (180 / 3.14159265358979323846);
   return fmt::format(
@@ -210,8 +221,11 @@ std::string text_of_calibration(const Calibration& c) {
   }
   if (shows_camera_matrix(c)) text += text_of_camera_matrices(c);
   for (std::size_t v = 0; v < c.data.views.size(); ++v) {
-    if (!c.view_reason[v].empty())
-      text += fmt::format("not used: {}: {}\n", c.data.views[v].image, c.view_reason[v]);
+    if (c.view_reason[v].empty() || shows_another_board(c, v)) continue;
+    const View& view = c.data.views[v];
+    text += fmt::format("not used: {}{}: {}\n", view.image,
+                        c.data.targets.size() > 1 ? ", " + c.data.targets[view.target].name : "",
+                        c.view_reason[v]);
   }
   if (!c.data.detector.empty()) text += c.data.detector + "\n";
   text += fmt::format(
@@ -219,8 +233,8 @@ std::string text_of_calibration(const Calibration& c) {
       c.stats.rms_px, c.stats.n_corners, c.stats.rms_xy_px, c.stats.n_outliers, c.stats.iterations,
       c.stats.termination);
   for (const PriorPull& p : c.stats.priors)
-    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter, p.value,
-                        p.sigma, p.pull_sigmas);
+    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter,
+                        p.value, p.sigma, p.pull_sigmas);
   for (const WeakDirection& w : c.stats.weak)
     text += fmt::format("WEAK: {}: {}\n", w.parameters, w.consequence);
   return text;
