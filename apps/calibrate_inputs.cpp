@@ -121,7 +121,8 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  auto targets = in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
+  auto targets =
+      in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
   if (!targets) return targets.error();
   auto images = find_images(in.cams, in.pair_by == "order");
   if (!images) return images.error();

@@ -217,8 +217,8 @@ std::string text_of_calibration(const Calibration& c) {
       c.stats.rms_px, c.stats.n_corners, c.stats.rms_xy_px, c.stats.n_outliers, c.stats.iterations,
       c.stats.termination);
   for (const PriorPull& p : c.stats.priors)
-    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter, p.value,
-                        p.sigma, p.pull_sigmas);
+    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter,
+                        p.value, p.sigma, p.pull_sigmas);
   for (const WeakDirection& w : c.stats.weak)
     text += fmt::format("WEAK: {}: {}\n", w.parameters, w.consequence);
   return text;

@@ -82,8 +82,8 @@ Marking mark(Calibration& cal, const RefineOptions& options, double n_sigmas) {
     const View& view = cal.data.views[v];
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       CornerFit& fit = cal.fits[v][i];
-      fit.outlier = lost[v][i] || weight_of(view.corners[i], options) * fit.residual_px.norm() >
-                                      marking.bound[view.cam];
+      fit.outlier = lost[v][i] ||
+                    weight_of(view.corners[i], options) * fit.residual_px.norm() > marking.bound[view.cam];
       marking.changed = marking.changed || fit.outlier != before[v][i];
     }
   }
@@ -97,8 +97,8 @@ bool mark_outliers(Calibration& cal, const RefineOptions& options) {
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
-    const auto n_kept = static_cast<std::size_t>(
-        std::count_if(cal.fits[v].begin(), cal.fits[v].end(), [](const CornerFit& fit) { return !fit.outlier; }));
+    const auto n_kept = static_cast<std::size_t>(std::count_if(
+        cal.fits[v].begin(), cal.fits[v].end(), [](const CornerFit& fit) { return !fit.outlier; }));
     if (n_kept >= 4 && 4 * n_kept >= view.corners.size()) continue;
     drop_view(cal, v,
               fmt::format("only {} of its {} corners agree with the other views to {:.2g} px", n_kept,
@@ -108,7 +108,9 @@ bool mark_outliers(Calibration& cal, const RefineOptions& options) {
   return marking.changed;
 }
 
-void mark_gross(Calibration& cal, const RefineOptions& options) { mark(cal, options, 4 * options.outlier_sigma); }
+void mark_gross(Calibration& cal, const RefineOptions& options) {
+  mark(cal, options, 4 * options.outlier_sigma);
+}
 
 double truncated_variance(double k) {
   const double a = 0.5 * k * k;

@@ -77,8 +77,7 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   o["fixed"] = join(options.fixed, ",");
   std::vector<std::string> priors;
   for (const Prior& p : options.priors)
-    priors.push_back(
-        fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
+    priors.push_back(fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
   if (!options.ties.empty()) o["ties"] = join(options.ties, ",");
   if (!priors.empty()) o["priors"] = join(priors, ",");
   if (!options.only.empty()) o["only"] = join(options.only, ",");
@@ -190,16 +189,17 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
   if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
   // A robust loss has bent the tails already.
   const bool cuts_tails = options.mark_outliers && options.loss == Loss::kSquared;
-  SolveSpec spec = with_constraints({.loss = options.loss,
-                                     .loss_scale = options.loss_scale_px,
-                                     .use_sigma = options.use_sigma,
-                                     .max_iterations = options.max_iterations,
-                                     .tight = true,
-                                     .prior_weight = robust_scale_px(cal) / 3,
-                                     .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
-                                     .solver = options.solver,
-                                     .n_threads = options.n_threads},
-                                    constraints);
+  SolveSpec spec =
+      with_constraints({.loss = options.loss,
+                        .loss_scale = options.loss_scale_px,
+                        .use_sigma = options.use_sigma,
+                        .max_iterations = options.max_iterations,
+                        .tight = true,
+                        .prior_weight = robust_scale_px(cal) / 3,
+                        .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
+                        .solver = options.solver,
+                        .n_threads = options.n_threads},
+                       constraints);
   if (options.mark_outliers)
     mark_outliers(cal, options);
   else if (auto error = unprojectable(cal))
@@ -213,14 +213,14 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
   return cal;
 }
 
-// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some of
-// them are known.
+// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
+// of them are known.
 int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
   const int first = offsets_of(cal).lens[cam];
   int n_free = 0;
   for (int i = first; i < first + 4; ++i) {
-    const bool has_prior = std::any_of(c.priors.begin(), c.priors.end(),
-                                       [&](const PriorTerm& p) { return p.index == i; });
+    const bool has_prior =
+        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return p.index == i; });
     n_free += !c.held[i] && c.tied_to[i] == i && !has_prior;
   }
   return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);

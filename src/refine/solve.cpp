@@ -171,8 +171,8 @@ bool has_ties(const SolveSpec& spec) {
   return false;
 }
 
-// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many cameras,
-// because each view's Jacobian then has the columns of all, but the manifold says it all.
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many
+// cameras, because each view's Jacobian then has the columns of all, but the manifold says it all.
 void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
   const Offsets offsets = offsets_of(cal);
   const Reduction reduction = reduction_of(spec, offsets.total);

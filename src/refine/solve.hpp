@@ -80,9 +80,9 @@ Reduction reduction_of(const SolveSpec& spec, int n_shared);
 VecX shared_values(const Calibration& calibration);
 void set_shared_value(Calibration& calibration, int index, double value);
 
-/// The priors as residuals r = prior_weight * (value of the parameter - value of the prior) / sigma, and their
-/// derivatives J by the STEP of each shared parameter (box_plus for poses): one row each. Their share of the
-/// cost is r'r / 2.
+/// The priors as residuals r = prior_weight * (value of the parameter - value of the prior) / sigma, and
+/// their derivatives J by the STEP of each shared parameter (box_plus for poses): one row each. Their share
+/// of the cost is r'r / 2.
 struct PriorRows {
   VecX r;
   MatX J;
@@ -95,9 +95,10 @@ int evaluate(Calibration& calibration);
 
 /// Covariance of the shared parameters for a variance of 1 of each (robustified) residual coordinate: the
 /// inverse of the reduced normal matrix S = H_ss - sum_f H_sf H_ff^-1 H_fs, where f runs over the board
-/// poses, and the priors' rows are part of J. Rows and columns of held parameters are zero, those of tied ones
-/// equal. Directions that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of S scaled to a unit
-/// diagonal) get that bound as their eigenvalue, so that their variance is huge but finite.
+/// poses, and the priors' rows are part of J. Rows and columns of held parameters are zero, those of tied
+/// ones equal. Directions that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of
+/// S scaled to a unit diagonal) get that bound as their eigenvalue, so that their variance is huge but
+/// finite.
 struct SharedCovariance {
   MatX unit_covariance;
   VecX

@@ -121,12 +121,13 @@ struct Judged {
   double off_px = 0, spacing_px = 0;
 };
 
-// How far corner `i` is from what its neighbours say, and the typical distance of corners as near to one another
-// as the nearest are.
-Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i) {
+// How far corner `i` is from what its neighbours say (those in `without` are not asked), and the typical
+// distance of corners as near to one another as the nearest are.
+Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i,
+             const std::vector<bool>& without) {
   std::vector<std::pair<double, std::size_t>> near;
   for (std::size_t j = 0; j < board.size(); ++j) {
-    if (j != i) near.emplace_back((board[j] - board[i]).squaredNorm(), j);
+    if (j != i && !without[j]) near.emplace_back((board[j] - board[i]).squaredNorm(), j);
   }
   const auto n = std::min<std::size_t>(kNeighbours, near.size());
   std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(n), near.end());
@@ -171,7 +172,7 @@ std::vector<bool> suspect_corners(const Target& target, const View& view) {
   std::vector<Judged> judged;
   std::vector<double> off;
   for (std::size_t i = 0; i < board->size(); ++i) {
-    judged.push_back(judge(view, *board, i));
+    judged.push_back(judge(view, *board, i, suspects));
     off.push_back(judged.back().off_px);
   }
   // The median length of a two-dimensional Gaussian error is 1.1774 standard deviations.
@@ -180,6 +181,13 @@ std::vector<bool> suspect_corners(const Target& target, const View& view) {
   for (std::size_t i = 0; i < board->size(); ++i) {
     suspects[i] = judged[i].off_px > std::max(kSigmas * sigma, kShareOfSpacing * judged[i].spacing_px);
     n += suspects[i];
+  }
+  // Once more without one another: a right corner among wrong ones is no suspect.
+  const std::vector<bool> first = suspects;
+  for (std::size_t i = 0; i < board->size(); ++i) {
+    if (!first[i] || n + kLeastCorners > board->size()) continue;
+    const Judged again = judge(view, *board, i, first);
+    suspects[i] = again.off_px > std::max(kSigmas * sigma, kShareOfSpacing * again.spacing_px);
   }
   if (static_cast<double>(n) > kMostSuspects * static_cast<double>(suspects.size()))
     suspects.assign(suspects.size(), false);

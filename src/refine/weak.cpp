@@ -140,7 +140,8 @@ void add_weak_pose(Calibration& cal, const MatX& covariance, int cam, int offset
   }
 }
 
-// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance alone.
+// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance
+// alone.
 Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset,
                       const std::vector<PriorTerm>& priors) {
   const Camera& camera = cal.rig.cameras[cam];
