@@ -8,8 +8,10 @@ namespace plumbline::detail {
 /// deviations of a coordinate (1.4826 times the median of the absolute coordinates over all corners of the
 /// camera, marked ones too, so that a corner can come back; at least 0.01 px, below which no corner finder
 /// goes). The length of a good corner's residual exceeds k standard deviations with probability exp(-k^2 /
-/// 2): 3.7e-6 for k = 5. A view that keeps fewer than four corners, or fewer than a quarter, is dropped with
-/// a reason. Corners outside the lens' domain are marked as well. \returns whether anything changed
+/// 2): 3.7e-6 for k = 5. A view that keeps fewer than four corners, or fewer than a quarter, and that is
+/// alone in its frame gets the pose that most of its corners agree on (pose_ransac), where at least half do;
+/// else it is dropped with a reason. Corners outside the lens' domain are marked as well. \returns whether
+/// anything changed
 bool mark_outliers(Calibration& calibration, const RefineOptions& options);
 
 /// Marks what is four times as far off, and drops no view: before the first solve of all, whose start is not

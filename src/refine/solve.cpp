@@ -230,12 +230,29 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
-}  // namespace
+// What a view depends on: its cost and the parameter blocks in the cost's order.
+struct ViewBlocks {
+  std::unique_ptr<ceres::CostFunction> cost;
+  std::vector<double*> parameters;
+};
+ViewBlocks view_blocks(const Calibration& cal, const View& view, std::vector<Observation> observations,
+                       Blocks& blocks, const SolveSpec& spec) {
+  const Lens& lens = cal.rig.cameras[view.cam].lens;
+  double* T_rig_board = blocks.T_rig_board(view.frame);
+  ViewBlocks list{make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0),
+                  {blocks.lens(view.cam), blocks.T_cam_rig(view.cam), T_rig_board}};
+  if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
+  if (!has_ties(spec)) return list;
+  std::vector<int> at;
+  for (const double* block : list.parameters)
+    at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+  return {merge_blocks(std::move(list.cost), std::move(at), blocks.n_shared()),
+          {blocks.shared(), T_rig_board}};
+}
 
-SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
-  Blocks blocks(cal);
-  ceres::Problem problem;
-  auto* ordering = new ceres::ParameterBlockOrdering;
+// All views with their manifolds and the order of elimination.
+void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering, Blocks& blocks,
+               const Calibration& cal, const SolveSpec& spec) {
   const Offsets offsets = offsets_of(cal);
   const bool tied = has_ties(spec);
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
@@ -243,51 +260,46 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
-    const Lens& lens = cal.rig.cameras[cam].lens;
-    double* k = blocks.lens(cam);
-    double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0);
-    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
-    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
-    if (tied) {
-      std::vector<int> at;
-      for (const double* block : parameters)
-        at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
-      cost = merge_blocks(std::move(cost), std::move(at), blocks.n_shared());
-      parameters = {blocks.shared(), T_rig_board};
-    }
-    problem.AddResidualBlock(cost.release(), nullptr, parameters);
+    ViewBlocks view = view_blocks(cal, cal.data.views[v], std::move(observations), blocks, spec);
+    problem.AddResidualBlock(view.cost.release(), nullptr, view.parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
-    ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    ordering.AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (tied) continue;
     if (target > 0 && !board_seen[target]) {
       board_seen[target] = true;
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
-      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
+      ordering.AddElementToGroup(blocks.T_board0_board(target), 1);
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
-    ordering->AddElementToGroup(k, 1);
+    hold_lens(problem, blocks.lens(cam), n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
+    ordering.AddElementToGroup(blocks.lens(cam), 1);
     if (cam == 0)
-      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
+      problem.SetParameterBlockConstant(blocks.T_cam_rig(cam));  // the rig's frame is camera 0's
     else
-      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
-    ordering->AddElementToGroup(T_cam_rig, 1);
+      hold_pose(problem, blocks.T_cam_rig(cam), offsets.pose[cam], spec);
+    ordering.AddElementToGroup(blocks.T_cam_rig(cam), 1);
   }
-  if (problem.NumResiduals() > 0 && tied) {
-    tie_shared(problem, blocks, cal, spec);
-    ordering->AddElementToGroup(blocks.shared(), 1);
-  }
-  add_priors(problem, blocks, cal, spec);
+  if (!tied || problem.NumResiduals() == 0) return;
+  tie_shared(problem, blocks, cal, spec);
+  ordering.AddElementToGroup(blocks.shared(), 1);
+}
+
+}  // namespace
+
+SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
+  Blocks blocks(cal);
+  ceres::Problem problem;
+  auto* ordering = new ceres::ParameterBlockOrdering;
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
-  if (problem.NumResidualBlocks() == static_cast<int>(tied ? spec.priors.size() : 0))
-    return {.termination = "no corner to use"};
+  add_views(problem, *ordering, blocks, cal, spec);
+  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  add_priors(problem, blocks, cal, spec);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
