@@ -197,6 +197,8 @@ std::string text_of_calibration(const Calibration& c) {
   }
   for (std::size_t i = 1; i < c.rig.cameras.size(); ++i)
     text += text_of_pose(c.rig.cameras[i].name, c.rig.cameras[0].name, c.rig.T_cam_rig[i]);
+  if (const auto joined = c.provenance.options.find("joined by motion"); joined != c.provenance.options.end())
+    text += fmt::format("joined by motion alone: {}\n", joined->second);
   for (std::size_t i = 1; i < c.data.targets.size(); ++i)
     text += text_of_pose(c.data.targets[i].name, c.data.targets[0].name, c.T_board0_board[i].inverse());
   for (const Camera& camera : c.rig.cameras) {

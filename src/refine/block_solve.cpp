@@ -12,10 +12,12 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
-// The cost is a sum of some ten thousand squares, good to some units in its last places.
 // Steps along a straight line are enough for ordinary lenses, and cost half.
 constexpr int kPlainIterations = 10;
+// An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
+constexpr int kEdgeMemory = 20;
+constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
+// The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
 
 BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
@@ -122,6 +124,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   const double tolerance = spec.tight ? 1e-14 : 1e-7;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
+  int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
     ++report.iterations;
@@ -146,7 +149,10 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
-        if (make_normal(problem, next, next_normal)) gain = normal.cost - next_normal.cost;
+        if (make_normal(problem, next, next_normal))
+          gain = normal.cost - next_normal.cost;
+        else
+          last_edge = report.iterations;
         if (gain > 0) {
           state = std::move(next);
           std::swap(normal, next_normal);
@@ -171,6 +177,8 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       }
     }
   }
+  if (report.iterations - last_edge < kEdgeMemory)
+    report.termination += "; it lies at the edge of a lens' domain, so the views do not determine this lens";
   report.cost = normal.cost;
   report.usable = std::isfinite(report.cost);
   write_to(cal, problem, state);

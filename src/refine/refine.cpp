@@ -182,8 +182,9 @@ Result<SolveReport> solve_and_mark(Calibration& cal, const RefineOptions& option
   return report;
 }
 
-Result<Calibration> finish(Calibration cal, const RefineOptions& options, const Constraints& constraints,
+Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constraints constraints,
                            bool from_seed) {
+  constraints.held = hold_loose_boards(cal, std::move(constraints.held));
   apply(cal, constraints);
   bring_back(cal);
   if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
