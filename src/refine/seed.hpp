@@ -61,9 +61,9 @@ void bring_back(Calibration& calibration);
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
                                 const RefineOptions& options, const Constraints& constraints);
 
-/// Places all cameras relative to camera 0 from the frames that they share, renumbers boards that another
-/// camera numbered the other way round, and gives each frame a pose. kDegenerate names the camera that shares
-/// no frame with the others.
+/// Places all cameras relative to camera 0 and all boards relative to the first from the frames that they
+/// share, or by their motion; renumbers boards that another camera numbered the other way round, and gives
+/// each frame a pose. kDegenerate names the groups of cameras that nothing connects (rig_graph.hpp).
 Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts,
                              std::vector<Calibration> monos);
 

@@ -49,9 +49,12 @@ struct RefineOptions {
 };
 
 /// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics
-/// and board poses, outlier marking, covariance. Failures: kDegenerate when there are too few views, or views
-/// that do not constrain a lens (all fronto-parallel), or cameras that never see the board together (names
-/// the pair); kInvalidData for a bad data set; kNotConverged when no start leads to a finite optimum.
+/// and board poses, outlier marking, covariance. Cameras are joined by frames in which they see the same
+/// board, by any chain of cameras and boards, or where there is none by their common motion before boards of
+/// their own (docs/refine.md). Failures: kDegenerate when there are too few views, or views that do not
+/// constrain a lens (all fronto-parallel), or cameras that nothing connects (names the groups, the frames
+/// that nearly do, and what to photograph); kInvalidData for a bad data set; kNotConverged when no start
+/// leads to a finite optimum.
 Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options);
 
 /// Refines from a given start (rig and board poses already set; frames without a pose are not used). Marks of
