@@ -32,12 +32,14 @@ Dataset with_views(const Dataset& mono, const std::vector<int>& views) {
   return subset;
 }
 
-// Which parameters are free while the lens is still far off: focal lengths and the first radial term, then
+// Which parameters are free while the lens is still far off: focal lengths and the first radial term (a shape
+// of the sphere is one too), then
 // all but the high orders (which would otherwise fit the error of the start and fold the image back over
 // itself), then all.
 bool free_at_stage(std::string_view name, int stage) {
   if (stage >= 2) return true;
-  if (stage == 0) return name == "fx" || name == "fy" || name == "k1";
+  if (stage == 0)
+    return name == "fx" || name == "fy" || name == "k1" || name == "alpha" || name == "w" || name == "lambda";
   return name != "k3" && name != "k4" && name != "k5" && name != "k6" && name.front() != 's';
 }
 

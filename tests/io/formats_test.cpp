@@ -394,7 +394,8 @@ TEST(ColmapFormat, ReadsTheSimplerModels) {
   const auto error_of = [](const std::string& line) {
     return read_rig(std::vector<NamedBytes>{{"c", "1 PINHOLE 9 9 1 1 1 1\n" + line + "\n"}}).error().text();
   };
-  EXPECT_THAT(error_of("2 FOV 9 9 1 1 1 1 1"), HasSubstr("c: line 2: camera model 'FOV'"));
+  EXPECT_THAT(error_of("2 THIN_PRISM_FISHEYE 9 9 1 1 1 1 1"),
+              HasSubstr("c: line 2: camera model 'THIN_PRISM_FISHEYE'"));
   EXPECT_THAT(error_of("2 PINHOLE 9 9 1 1 1"), HasSubstr("PINHOLE has 4 parameters, there are 3"));
   EXPECT_THAT(error_of("2 PINHOLE 9 9 1 1 1 nan"), HasSubstr("'nan'"));
 }

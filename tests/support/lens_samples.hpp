@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cmath>
+#include <limits>
+#include <map>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -30,8 +33,18 @@ struct LensTypeName {
   }
 };
 
+/// What the image is larger by at the centre than the focal length says; infinite where the lens sees
+/// nothing.
+template <class L>
+double magnification(const L& lens) {
+  const auto px = lens.project(Vec3(1e-3, 0, 1));
+  return px ? (px->x() - lens.cx) / (1e-3 * lens.fx) : std::numeric_limits<double>::infinity();
+}
+
 /// A lens around its seed: focal lengths and centre as cameras have them, every further parameter moved by a
-/// normal number of the given size. 0: the seed; 0.02: mild; 0.2: strong; 2: far beyond any glass.
+/// normal number of the given size. 0: the seed; 0.02: mild; 0.2: strong; 2: far beyond any glass. What does
+/// not see along its own axis (a viewpoint behind the sphere), or magnifies the centre by more than 20, is no
+/// lens, and is drawn again.
 template <class L>
 L random_lens(Rng& rng, double distortion) {
   L lens = L::seed({1280, 960}, rng.uniform(200, 1500));
@@ -39,8 +52,48 @@ L random_lens(Rng& rng, double distortion) {
   lens.cx += rng.uniform(-60, 60);
   lens.cy += rng.uniform(-60, 60);
   double* k = &lens.fx;
-  for (int i = 4; i < L::kNumParams; ++i) k[i] += rng.normal(distortion);
+  const L seed = lens;
+  do {
+    for (int i = 4; i < L::kNumParams; ++i) k[i] = (&seed.fx)[i] + rng.normal(distortion);
+  } while (!(magnification(lens) < 20));
   return lens;
+}
+
+/// A plausible lens of each name after its focal lengths and centre: some tens of pixels of distortion at 30
+/// degrees off the axis, every parameter set; far from folding over 75 degrees.
+inline Lens lens_like_glass(std::string_view name, const std::vector<double>& fx_fy_cx_cy) {
+  static const std::map<std::string_view, std::vector<double>> rest{
+      {"pinhole", {}},
+      {"opencv4", {-0.25, 0.09, 0.0012, -0.0007}},
+      {"opencv5", {-0.25, 0.09, 0.0012, -0.0007, -0.02}},
+      {"opencv8", {-0.25, 0.09, 0.0012, -0.0007, 0.01, 0.10, 0.05, 0.03}},
+      {"opencv12", {-0.25, 0.09, 0.0012, -0.0007, 0.01, 0.10, 0.05, 0.03, 0.0008, -0.0003, -0.0006, 0.0004}},
+      {"kb4", {-0.02, 0.008, -0.003, 0.0005}},
+      {"ucm", {0.57}},
+      {"mei", {0.9, -0.08, 0.02, 0.0012, -0.0007}},
+      {"eucm", {0.6, 1.1}},
+      {"ds", {-0.2, 0.55}},
+      {"fov", {0.93}},
+      {"division", {-0.21}}};
+  std::vector<double> k = fx_fy_cx_cy;
+  // Mei's focal lengths are 1 + xi times those of the centre.
+  if (name == "mei") k[0] *= 1.9, k[1] *= 1.9;
+  const std::vector<double>& d = rest.at(name);
+  k.insert(k.end(), d.begin(), d.end());
+  return make_lens(name, k).value();
+}
+
+/// Pixel by the lens' plain definition (project_t), which the lens' own code does not use; nullopt outside
+/// the domain.
+inline std::optional<Vec2> project_plainly(const Lens& lens, const Vec3& p_cam) {
+  if (!project(lens, p_cam)) return std::nullopt;
+  return std::visit(
+      [&]<class L>(const L& l) {
+        Vec2 px;
+        L::project_t(&l.fx, p_cam.data(), px.data());
+        return px;
+      },
+      lens);
 }
 
 /// The sizes of distortion that every property is tested with.

@@ -13,12 +13,15 @@
 #include "plumbline/lens/brown_conrady.hpp"
 #include "plumbline/lens/concept.hpp"
 #include "plumbline/lens/kannala_brandt.hpp"
+#include "plumbline/lens/one_parameter.hpp"
 #include "plumbline/lens/pinhole.hpp"
+#include "plumbline/lens/sphere.hpp"
 
 namespace plumbline {
 
 /// THE list of lenses. A new lens is its header and its name here; nothing else in the project lists them.
-using Lens = std::variant<Pinhole, OpenCV4, OpenCV5, OpenCV8, OpenCV12, KannalaBrandt4>;
+using Lens = std::variant<Pinhole, OpenCV4, OpenCV5, OpenCV8, OpenCV12, KannalaBrandt4, UnifiedCamera, Mei,
+                          EnhancedUnifiedCamera, DoubleSphere, FieldOfView, Division>;
 
 namespace detail {
 template <class V>
