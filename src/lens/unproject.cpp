@@ -112,19 +112,27 @@ std::optional<Vec3> from_radial_starts(const L& lens, const Vec2& px, Vec2 direc
   return std::nullopt;
 }
 
+template <class L>
+std::optional<Vec3> unproject_by_newton(const L& l, const Vec2& px) {
+  const Vec2 centre_px(l.cx, l.cy), m((px.x() - l.cx) / l.fx, (px.y() - l.cy) / l.fy);
+  const double radius = m.norm();
+  const Vec2 direction = radius > 0 ? Vec2(m / radius) : Vec2(1, 0);
+  // The undistorted position is right or close for most lenses; the bisection catches the rest.
+  const Vec2 start = L::kIsCentralPerspective ? m : Vec2(std::fmin(radius, 3.0) * direction);
+  if (const auto ray = newton(l, px, start)) return ray;
+  return from_radial_starts(l, px, direction, centre_px);
+}
+
 }  // namespace
 
 std::optional<Vec3> unproject(const Lens& lens, const Vec2& px) {
   if (!px.allFinite()) return std::nullopt;
   return std::visit(
       [&]<class L>(const L& l) -> std::optional<Vec3> {
-        const Vec2 centre_px(l.cx, l.cy), m((px.x() - l.cx) / l.fx, (px.y() - l.cy) / l.fy);
-        const double radius = m.norm();
-        const Vec2 direction = radius > 0 ? Vec2(m / radius) : Vec2(1, 0);
-        // The undistorted position is right or close for most lenses; the bisection catches the rest.
-        const Vec2 start = L::kIsCentralPerspective ? m : Vec2(std::fmin(radius, 3.0) * direction);
-        if (const auto ray = newton(l, px, start)) return ray;
-        return from_radial_starts(l, px, direction, centre_px);
+        if constexpr (CountedLens<L>)
+          return l.unproject(px);
+        else
+          return unproject_by_newton(l, px);
       },
       lens);
 }

@@ -90,6 +90,9 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return false;
+  }
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal.rig);
   for (int at : offsets.pose) {

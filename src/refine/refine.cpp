@@ -64,7 +64,7 @@ void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
 
 void fill_provenance(Calibration& cal, const RefineOptions& options) {
   std::vector<std::string> lenses;
-  for (const Camera& camera : cal.rig.cameras) lenses.emplace_back(lens_name(camera.lens));
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(lens_spec(camera.lens));
   auto& o = cal.provenance.options;
   o["lens"] = join(lenses, ",");
   o["start"] = name_of(options.start);
@@ -253,7 +253,8 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
     const auto n = static_cast<std::size_t>(n_params((*lenses)[cam]));
     const std::vector<bool> held_mono(held->begin() + offset, held->begin() + offset + n);
     offset += n;
-    auto mono = seed_camera(parts[cam].data, std::string(lens_name((*lenses)[cam])), options, held_mono);
+    auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
+                            held_mono);
     if (!mono) return mono.error();
     lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
@@ -262,8 +263,12 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   if (!seed) return seed.error();
   refuse_small_views(*seed);
   if (auto status = enough_views(*seed); !status) return status.error();
-  auto cal = finish(*std::move(seed), options, *held, true);
-  if (cal) add_lean(*cal, lean);
+  // Anew: the seed may have chosen the shape of a lens.
+  auto held_in_seed = held_mask(seed->rig, options.fixed);
+  if (!held_in_seed) return held_in_seed.error();
+  hold_cores(seed->rig, *held_in_seed);
+  auto cal = finish(*std::move(seed), options, *held_in_seed, true);
+  if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
 
@@ -274,8 +279,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                       start.rig.T_cam_rig.size() == start.rig.cameras.size() &&
                       start.T_rig_board.size() == start.data.frames.size(),
                   "rig, poses and data of a start belong together");
-  const auto held = held_mask(start.rig, options.fixed);
+  auto held = held_mask(start.rig, options.fixed);
   if (!held) return held.error();
+  hold_cores(start.rig, *held);
   Calibration cal = start;
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");

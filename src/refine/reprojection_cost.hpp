@@ -29,6 +29,12 @@ struct Rho {
 };
 Rho rho(Loss loss, double scale, double s);
 
+/// f = sqrt(rho(s) / s), with which a residual is scaled so that its square is rho, and df/ds.
+struct Scaling {
+  double f = 1, f_s = 0;
+};
+Scaling scaling_of(Loss loss, double scale, double s);
+
 /// The cost of one view: 2n residuals over the blocks [lens parameters | T_cam_rig (7) | T_rig_board (7)].
 ///
 /// The residual of a corner is r' = f r with r = weight * (projection - measured) and f = sqrt(rho(|r|^2) /

@@ -214,9 +214,10 @@ void warn_of_lean_lens(Calibration& cal, const Calibration& fisheye) {
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
                                 const RefineOptions& options, const std::vector<bool>& held) {
   const ImageSize size = mono.cameras[0].size;
+  const auto plain = make_lens(lens_name, size, size.width);
+  if (plain && is_sparse(*plain)) return seed_sparse(mono, lens_name, options, held);
   const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
   std::optional<Calibration> best = calibrate_on(mono, subset, lens_name, options, held);
-  const auto plain = make_lens(lens_name, size, size.width);
   if (plain && is_central_perspective(*plain) && (!best || is_doubtful(*best))) {
     std::vector<bool> held_fisheye(8, false);
     std::copy_n(held.begin(), 4, held_fisheye.begin());

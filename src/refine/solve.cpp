@@ -14,6 +14,7 @@
 #include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
+#include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
 
@@ -145,6 +146,12 @@ class Blocks {
   std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
 };
 
+void add_priors(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
+  const double scale = prior_scale(n_residuals, n_params(lens));
+  for (const PriorRow& row : priors(lens))
+    problem.AddResidualBlock(make_prior_cost(row, n_params(lens), scale).release(), nullptr, block);
+}
+
 }  // namespace
 
 SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
@@ -153,6 +160,9 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal.rig);
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false);
+  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
+  std::vector<std::shared_ptr<Lens>> scratch;
+  for (const Camera& camera : cal.rig.cameras) scratch.push_back(std::make_shared<Lens>(camera.lens));
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
@@ -161,9 +171,16 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    problem.AddResidualBlock(
-        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale).release(), nullptr, k,
-        T_cam_rig, T_rig_board);
+    n_residuals[cam] += 2 * static_cast<int>(observations.size());
+    const auto add = [&](std::unique_ptr<ceres::CostFunction> cost) {
+      problem.AddResidualBlock(cost.release(), nullptr, k, T_cam_rig, T_rig_board);
+    };
+    if (is_sparse(lens)) {
+      for (const Observation& o : observations)
+        add(make_sparse_cost(scratch[cam], {o}, spec.loss, spec.loss_scale));
+    } else {
+      add(make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale));
+    }
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
@@ -181,6 +198,15 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   }
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
+  for (std::size_t cam = 0; cam < lens_seen.size(); ++cam) {
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    if (!lens_seen[cam] || !is_sparse(lens)) continue;
+    add_priors(problem, lens, blocks.lens(static_cast<int>(cam)), n_residuals[cam]);
+    // Which parameters a corner touches changes as it moves.
+    options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+    options.dynamic_sparsity = true;
+    options.linear_solver_ordering.reset();
+  }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   ceres::Solver::Summary summary;
   const QuietLog quiet;
@@ -217,6 +243,22 @@ int evaluate(Calibration& cal) {
   return n_lost;
 }
 
+namespace {
+// A spline's parameters are too many for a message.
+std::string some_of(const std::vector<std::string>& names) {
+  constexpr std::size_t kMost = 200;
+  if (names.size() <= kMost) return join(names, ", ");
+  return join({names.begin(), names.begin() + kMost}, ", ") + ", ...";
+}
+}  // namespace
+
+void hold_cores(const Rig& rig, std::vector<bool>& held) {
+  const Offsets offsets = offsets_of(rig);
+  for (std::size_t cam = 0; cam < rig.cameras.size(); ++cam) {
+    if (holds_core(rig.cameras[cam].lens)) std::fill_n(held.begin() + offsets.lens[cam], 4, true);
+  }
+}
+
 Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {
   const std::vector<std::string> names = shared_parameter_names(rig);
   std::vector<bool> held(names.size(), false);
@@ -230,8 +272,7 @@ Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::strin
       found = true;
     }
     if (!found) {
-      return Error{ErrorCode::kInvalidData,
-                   "no shared parameter has this name; there are: " + join(names, ", "),
+      return Error{ErrorCode::kInvalidData, "no shared parameter has this name; there are: " + some_of(names),
                    "fixed parameter '" + wanted + "'"};
     }
   }

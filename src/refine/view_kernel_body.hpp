@@ -191,9 +191,18 @@ double run_kernel(const KernelInput& in, double* gram, double* s_out, double* se
   return total;
 }
 
+// Lenses with a run-time number of parameters have no kernel (block_solver_can() says so).
+template <class L>
+constexpr KernelFunction kernel_of() {
+  if constexpr (FixedLens<L>)
+    return run_kernel<L>;
+  else
+    return nullptr;
+}
+
 template <class... L>
 constexpr KernelSet kernels_of(const std::variant<L...>*, const char* name) {
-  return {name, kWidth, {run_kernel<L>...}};
+  return {name, kWidth, {kernel_of<L>()...}};
 }
 
 }  // namespace

@@ -155,6 +155,11 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
 }  // namespace
 
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
+  // Thousands of parameters of which no one means anything: neither a covariance nor weak directions.
+  cal.covariance.reset();
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return {};
+  }
   const std::vector<std::string> names = shared_parameter_names(cal.rig);
   const SharedCovariance c = shared_covariance(cal, spec);
   cal.covariance = c.variance * c.unit_covariance;

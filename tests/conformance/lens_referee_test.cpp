@@ -36,13 +36,11 @@ constexpr bool opencv_has(std::string_view name) { return name == "kb4" || mrcal
 template <bool kHas, class L>
 using Only = std::conditional_t<kHas, std::tuple<L>, std::tuple<>>;
 template <class... L>
-::testing::Types<L...> types_of(std::tuple<L...>);
-template <class... L>
 auto mrcals(std::variant<L...>*)
-    -> decltype(types_of(std::tuple_cat(std::declval<Only<mrcal_name(L::kName) != nullptr, L>>()...)));
+    -> decltype(test::types_of(std::tuple_cat(std::declval<Only<mrcal_name(L::kName) != nullptr, L>>()...)));
 template <class... L>
 auto opencvs(std::variant<L...>*)
-    -> decltype(types_of(std::tuple_cat(std::declval<Only<opencv_has(L::kName), L>>()...)));
+    -> decltype(test::types_of(std::tuple_cat(std::declval<Only<opencv_has(L::kName), L>>()...)));
 
 // Lenses as strong as glass is, and points that fall within a few image widths: further out a pixel has no
 // 1e-9.

@@ -42,7 +42,7 @@ void expect_same_optimum(const Calibration& start, SolveSpec spec) {
   EXPECT_NEAR(a.cost, b.cost, 1e-9 * b.cost) << a.termination << " / " << b.termination;
 }
 
-std::string lens_of(int i) { return std::string(lens_names()[static_cast<std::size_t>(i)]); }
+std::string lens_of(int i) { return std::string(fixed_lens_names()[static_cast<std::size_t>(i)]); }
 
 class BlockSolveLens : public ::testing::TestWithParam<int> {};
 
@@ -72,7 +72,8 @@ TEST_P(BlockSolveLens, IsExactWithoutNoise) {
   EXPECT_LT(worst_lens_error_px(sim, cal), 1e-6);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, BlockSolveLens, ::testing::Range(0, static_cast<int>(lens_names().size())),
+INSTANTIATE_TEST_SUITE_P(All, BlockSolveLens,
+                         ::testing::Range(0, static_cast<int>(fixed_lens_names().size())),
                          [](const auto& kind) { return lens_of(kind.param); });
 
 TEST(BlockSolve, WeighsBySigma) {

@@ -6,6 +6,8 @@
 #include <numbers>
 #include <optional>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -17,14 +19,24 @@
 /// Lenses and points for tests that know nothing about any one lens.
 namespace plumbline::test {
 
-/// ::testing::Types of the alternatives of Lens, so that a new lens is tested without an edit.
-template <class V>
-struct TypesOf;
+/// ::testing::Types of those alternatives of Lens whose number of parameters is fixed, so that a new lens is
+/// tested without an edit. A lens with a run-time number of parameters has tests of its own.
 template <class... L>
-struct TypesOf<std::variant<L...>> {
-  using type = ::testing::Types<L...>;
-};
-using LensTypes = TypesOf<Lens>::type;
+::testing::Types<L...> types_of(std::tuple<L...>);
+template <class L>
+using IfFixed = std::conditional_t<FixedLens<L>, std::tuple<L>, std::tuple<>>;
+template <class... L>
+auto fixed_types(std::variant<L...>*) -> decltype(types_of(std::tuple_cat(std::declval<IfFixed<L>>()...)));
+using LensTypes = decltype(fixed_types(static_cast<Lens*>(nullptr)));
+
+/// Their names, in the order of the list.
+inline std::vector<std::string_view> fixed_lens_names() {
+  std::vector<std::string_view> names = lens_names();
+  std::erase_if(names, [](std::string_view name) {
+    return is_sparse(make_lens(name, {640, 480}, 500).value());
+  });
+  return names;
+}
 
 struct LensTypeName {
   template <class L>
@@ -89,8 +101,8 @@ inline std::optional<Vec2> project_plainly(const Lens& lens, const Vec3& p_cam) 
   if (!project(lens, p_cam)) return std::nullopt;
   return std::visit(
       [&]<class L>(const L& l) {
-        Vec2 px;
-        L::project_t(&l.fx, p_cam.data(), px.data());
+        Vec2 px = Vec2::Zero();
+        if constexpr (FixedLens<L>) L::project_t(&l.fx, p_cam.data(), px.data());
         return px;
       },
       lens);
