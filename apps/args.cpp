@@ -62,6 +62,13 @@ CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams) {
       ->check(CLI::Validator(fault_of_cam, "NAME=GLOB"));
 }
 
+CLI::Option* add_target_option(CLI::App& app, std::vector<std::string>& targets) {
+  return app
+      .add_option("--target", targets,
+                  "target file, ours or Kalibr's; once per board where there are several")
+      ->allow_extra_args(false);
+}
+
 std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments) {
   std::vector<CamArg> cams;
   std::set<std::string> names;
@@ -116,6 +123,21 @@ Result<T> load(const fs::path& file, Result<T> (*parse)(std::string_view)) {
 }  // namespace
 
 Result<Target> load_target(const fs::path& file) { return load(file, parse_target); }
+
+Result<std::vector<Target>> load_targets(const std::vector<std::string>& files) {
+  std::vector<Target> targets;
+  std::map<std::string, int> n_of_name;
+  for (const std::string& file : files) {
+    auto target = load_target(file);
+    if (!target) return target.error();
+    ++n_of_name[target->name];
+    targets.push_back(*std::move(target));
+  }
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    if (n_of_name[targets[i].name] > 1) targets[i].name += "_" + fs::path(files[i]).stem().string();
+  }
+  return targets;
+}
 
 Result<Dataset> load_corners_yaml(const fs::path& file) { return load(file, parse_corners); }
 

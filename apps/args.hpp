@@ -35,12 +35,17 @@ std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments);
 /// touched.
 CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams);
 
+/// Declares --target, which may be repeated where several boards are in the images.
+CLI::Option* add_target_option(CLI::App& app, std::vector<std::string>& targets);
+
 /// The images of --cam arguments with their frame keys; `by_order` matches frames of several cameras by
 /// position.
 Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order);
 
 /// A target file (ours or Kalibr's).
 Result<Target> load_target(const std::filesystem::path& file);
+/// Several; names that are there twice get the name of their file added.
+Result<std::vector<Target>> load_targets(const std::vector<std::string>& files);
 
 /// A corners.yaml of ours, and the images of a corners.vnl.
 Result<Dataset> load_corners_yaml(const std::filesystem::path& file);

@@ -28,12 +28,12 @@ void add_view(Dataset& data, std::map<std::string, int>& frame_of, int cam, cons
 }
 
 Result<Dataset> load_vnl(const CalibrateInputs& in) {
-  if (in.target.empty()) usage_error("--corners with a .vnl file needs --target");
+  if (in.targets.size() != 1) usage_error("--corners with a .vnl file needs one --target");
   if (in.image_size.empty()) usage_error("--corners with a .vnl file needs --image-size WIDTHxHEIGHT");
   Dataset data;
-  auto target = load_target(in.target);
+  auto target = load_target(in.targets[0]);
   if (!target) return target.error();
-  data.target = *std::move(target);
+  data.targets = {*std::move(target)};
   data.detector = "corners read from a .vnl file";
   auto images = load_vnl_file(in.corners);
   if (!images) return images.error();
@@ -44,7 +44,7 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
   std::map<std::string, int> frame_of;
   for (std::size_t cam = 0; cam < cams.size(); ++cam) {
     data.cameras.push_back({cams[cam].name, parse_size(in.image_size, "--image-size")});
-    const int n_points = static_cast<int>(data.target.points.size());
+    const int n_points = static_cast<int>(data.targets[0].points.size());
     int n_matched = 0;
     for (const VnlImage& image : *images) {
       auto key = glob_key(cams[cam].pattern, image.filename);
@@ -54,7 +54,7 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
             ErrorCode::kInvalidData,
             fmt::format("{} rows, the target {} has {} points; every image needs a row for each, or a lone "
                         "'NAME - - -'",
-                        image.n_rows, data.target.name, n_points),
+                        image.n_rows, data.targets[0].name, n_points),
             in.corners + ": " + image.filename};
       }
       if (in.pair_by == "order") key = fmt::format("{}", n_matched);
@@ -82,27 +82,34 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
   if (!in.cams.empty())
     usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
   auto data = load_corners_yaml(in.corners);
-  if (!data || in.target.empty()) return data;
-  auto target = load_target(in.target);
-  if (!target) return target.error();
-  if (target->spec == data->target.spec) return data;
+  if (!data || in.targets.empty()) return data;
+  auto targets = load_targets(in.targets);
+  if (!targets) return targets.error();
+  const auto same_spec = [](const Target& a, const Target& b) { return a.spec == b.spec; };
+  if (std::equal(targets->begin(), targets->end(), data->targets.begin(), data->targets.end(), same_spec))
+    return data;
+  const auto names = [](const std::vector<Target>& list) {
+    std::vector<std::string> all;
+    for (const Target& target : list) all.push_back(target.name);
+    return join(all, ", ");
+  };
   return Error{
       ErrorCode::kInvalidData,
       fmt::format("the corners were taken of target {}, --target is {}; leave --target away, or detect again",
-                  data->target.name, target->name),
+                  names(data->targets), names(*targets)),
       in.corners};
 }
 
 }  // namespace
 
 void check_usage(const CalibrateInputs& in) {
-  if (in.corners.empty() && (in.target.empty() || in.cams.empty())) {
+  if (in.corners.empty() && (in.targets.empty() || in.cams.empty())) {
     usage_error("either --target and --cam, or --corners is needed");
   }
 }
 
 void add_input_options(CLI::App& app, CalibrateInputs& in) {
-  app.add_option("--target", in.target, "target file, ours or Kalibr's");
+  add_target_option(app, in.targets);
   add_cam_option(app, in.cams);
   app.add_option("--pair-by", in.pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")
@@ -113,15 +120,15 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  auto target = load_target(in.target);
-  if (!target) return target.error();
+  auto targets = load_targets(in.targets);
+  if (!targets) return targets.error();
   auto images = find_images(in.cams, in.pair_by == "order");
   if (!images) return images.error();
   Progress progress("detecting", common);
   DetectOptions options;
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
-  return detect_dataset(*images, *target, options);
+  return detect_dataset(*images, *targets, options);
 }
 
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,

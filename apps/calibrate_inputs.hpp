@@ -10,8 +10,8 @@ namespace plumbline::apps {
 /// Where `calibrate` takes its corners from: images and a target, our corners.yaml, or mrcal's corners.vnl
 /// and a target.
 struct CalibrateInputs {
-  std::string target, corners, image_size, pair_by = "name";
-  std::vector<std::string> cams;
+  std::string corners, image_size, pair_by = "name";
+  std::vector<std::string> targets, cams;
 };
 
 /// Wrong usage of the options together, before any file is touched.

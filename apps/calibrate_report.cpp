@@ -67,6 +67,7 @@ Json json_of_views(const Calibration& c) {
               {"frame", c.data.frames[view.frame]},
               {"used", used},
               {"corners", view.corners.size()}};
+    if (c.data.targets.size() > 1) item["target"] = c.data.targets[view.target].name;
     item["rms_px"] = used ? Json(view_rms_px(c, static_cast<int>(v))) : Json(nullptr);
     item["reason"] = used ? Json(nullptr) : Json(c.view_reason[v]);
     views.push_back(item);
@@ -86,7 +87,10 @@ std::string matrix_text(const char* name, const MatX& M) {
 
 // A target that is a body in space determines the camera matrix in each view alone, and it is what one wants
 // to see.
-bool shows_camera_matrix(const Calibration& c) { return !c.data.target.is_planar; }
+bool shows_camera_matrix(const Calibration& c) {
+  return std::any_of(c.data.targets.begin(), c.data.targets.end(),
+                     [](const Target& target) { return !target.is_planar; });
+}
 
 Json json_of_camera_matrices(const Calibration& c) {
   Json list = Json::array();
@@ -102,7 +106,7 @@ Json json_of_camera_matrices(const Calibration& c) {
   for (std::size_t v = 0; v < c.data.views.size(); ++v) {
     const View& view = c.data.views[v];
     if (!c.view_reason[v].empty() || !c.T_rig_board[view.frame]) continue;
-    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *c.T_rig_board[view.frame];
+    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *board_pose(c, view);
     const Mat3 K = camera_matrix_k(c.rig.cameras[view.cam].lens);
     list.push_back({{"camera", c.data.cameras[view.cam].name},
                     {"image", view.image},
@@ -120,7 +124,7 @@ std::string text_of_camera_matrices(const Calibration& c) {
   for (std::size_t v = 0; v < c.data.views.size(); ++v) {
     const View& view = c.data.views[v];
     if (!c.view_reason[v].empty() || !c.T_rig_board[view.frame]) continue;
-    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *c.T_rig_board[view.frame];
+    const SE3 T_cam_board = c.rig.T_cam_rig[view.cam] * *board_pose(c, view);
     const Mat3 K = camera_matrix_k(c.rig.cameras[view.cam].lens);
     text += fmt::format(
         "{}, camera {}: P = K [R | t], refined, before distortion; t and the centre C in metres\n",
@@ -130,6 +134,14 @@ std::string text_of_camera_matrices(const Calibration& c) {
             matrix_text("C", T_cam_board.centre().transpose());
   }
   return text;
+}
+
+std::string text_of_pose(const std::string& of, const std::string& from, const SE3& T) {
+  const Vec3 w_deg = so3_log(T.R()) * (180 / 3.14159265358979323846);
+  return fmt::format(
+      "{} from {}: rotation vector ({:.4f}, {:.4f}, {:.4f}) deg, translation ({:.6f}, {:.6f}, {:.6f}) m, "
+      "distance {:.6f} m\n",
+      of, from, w_deg.x(), w_deg.y(), w_deg.z(), T.t().x(), T.t().y(), T.t().z(), T.t().norm());
 }
 
 }  // namespace
@@ -142,6 +154,13 @@ Json json_of_calibration(const Calibration& c) {
   json["T_cam_rig"] = Json::array();
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
     json["T_cam_rig"].push_back({{"camera", c.rig.cameras[i].name}, {"T", json_of(c.rig.T_cam_rig[i])}});
+  }
+  if (c.data.targets.size() > 1) {
+    json["T_board0_board"] = Json::array();
+    for (std::size_t i = 0; i < c.data.targets.size(); ++i) {
+      json["T_board0_board"].push_back(
+          {{"target", c.data.targets[i].name}, {"T", json_of(c.T_board0_board[i])}});
+    }
   }
   json["views"] = json_of_views(c);
   json["weak"] = Json::array();
@@ -160,9 +179,10 @@ std::string text_of_calibration(const Calibration& c) {
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
     const Camera& camera = c.rig.cameras[i];
     const int cam = static_cast<int>(i);
-    text += fmt::format("{}: {} {}x{}, {} of {} images used, rms {:.4f} px\n", camera.name,
-                        lens_spec(camera.lens), camera.size.width, camera.size.height, views_used(c, cam),
-                        images_of(c, cam), camera_rms_px(c, cam));
+    text +=
+        fmt::format("{}: {} {}x{}, {} of {} {} used, rms {:.4f} px\n", camera.name, lens_spec(camera.lens),
+                    camera.size.width, camera.size.height, views_used(c, cam), images_of(c, cam),
+                    c.data.targets.size() > 1 ? "views of boards" : "images", camera_rms_px(c, cam));
     const auto names = param_names(camera.lens);
     for (std::size_t p = 0; p < names.size(); ++p, ++k) {
       if (p >= 4 && is_sparse(camera.lens)) {
@@ -176,15 +196,12 @@ std::string text_of_calibration(const Calibration& c) {
       text += "\n";
     }
   }
-  for (std::size_t i = 1; i < c.rig.cameras.size(); ++i) {
-    const SE3& T = c.rig.T_cam_rig[i];
-    const Vec3 w_deg = so3_log(T.R()) * (180 / 3.14159265358979323846);
-    text += fmt::format(
-        "{} from {}: rotation vector ({:.4f}, {:.4f}, {:.4f}) deg, translation ({:.6f}, {:.6f}, {:.6f}) m, "
-        "distance {:.6f} m\n",
-        c.rig.cameras[i].name, c.rig.cameras[0].name, w_deg.x(), w_deg.y(), w_deg.z(), T.t().x(), T.t().y(),
-        T.t().z(), T.t().norm());
-  }
+  for (std::size_t i = 1; i < c.rig.cameras.size(); ++i)
+    text += text_of_pose(c.rig.cameras[i].name, c.rig.cameras[0].name, c.rig.T_cam_rig[i]);
+  if (const auto joined = c.provenance.options.find("joined by motion"); joined != c.provenance.options.end())
+    text += fmt::format("joined by motion alone: {}\n", joined->second);
+  for (std::size_t i = 1; i < c.data.targets.size(); ++i)
+    text += text_of_pose(c.data.targets[i].name, c.data.targets[0].name, c.T_board0_board[i].inverse());
   for (const Camera& camera : c.rig.cameras) {
     const double fraction = domain_fraction(camera);
     if (fraction == 1) continue;

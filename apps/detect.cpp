@@ -7,6 +7,7 @@
 
 #include "args.hpp"
 #include "overlay.hpp"
+#include "plumbline/core/text.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/files.hpp"
 
@@ -14,8 +15,8 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string target, output, overlay;
-  std::vector<std::string> cams;
+  std::string output, overlay;
+  std::vector<std::string> targets, cams;
   std::string pair_by = "name";
 };
 
@@ -24,10 +25,36 @@ Json json_of_views(const Dataset& data) {
   for (const View& view : data.views) {
     Json item{
         {"camera", data.cameras[view.cam].name}, {"image", view.image}, {"corners", view.corners.size()}};
+    if (data.targets.size() > 1) item["target"] = data.targets[view.target].name;
     item["reason"] = view.reason.empty() ? Json(nullptr) : Json(view.reason);
     views.push_back(item);
   }
   return views;
+}
+
+std::string text_of_views(const Dataset& data) {
+  std::string text;
+  const bool several = data.targets.size() > 1;
+  for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
+    for (std::size_t t = 0; t < data.targets.size(); ++t) {
+      int n_found = 0, n_all = 0;
+      std::size_t n_corners = 0;
+      for (const View& view : data.views) {
+        if (view.cam != static_cast<int>(cam) || view.target != static_cast<int>(t)) continue;
+        ++n_all;
+        n_found += !view.corners.empty();
+        n_corners += view.corners.size();
+      }
+      text += fmt::format("{}: {} found in {} of {} images, {} corners\n", data.cameras[cam].name,
+                          several ? data.targets[t].name : "board", n_found, n_all, n_corners);
+    }
+  }
+  for (const View& view : data.views) {
+    if (view.reason.empty()) continue;
+    text += fmt::format("  {}{}: {}\n", view.image, several ? ", " + data.targets[view.target].name : "",
+                        view.reason);
+  }
+  return text;
 }
 
 Result<int> run(const Options& o, const Common& common) {
@@ -42,15 +69,17 @@ Result<int> run(const Options& o, const Common& common) {
   if (!o.overlay.empty()) {
     if (Status s = check_output(o.overlay, common); !s) return s.error();
   }
-  auto target = load_target(o.target);
-  if (!target) return target.error();
+  if (as_vnl && o.targets.size() != 1)
+    usage_error("a .vnl file holds one board; give one --target, or -o corners.yaml");
+  auto targets = load_targets(o.targets);
+  if (!targets) return targets.error();
   auto images = find_images(o.cams, o.pair_by == "order");
   if (!images) return images.error();
   Progress progress("detecting", common);
   DetectOptions options;
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
-  auto data = detect_dataset(*images, *target, options);
+  auto data = detect_dataset(*images, *targets, options);
   if (!data) return data.error();
   const std::string bytes = as_vnl ? format_vnl(*data, 0) : format_corners(*data);
   if (Status s = write_file(o.output, bytes, common.force); !s) return s.error();
@@ -61,23 +90,10 @@ Result<int> run(const Options& o, const Common& common) {
     if (!drawn) return drawn.error();
   }
 
-  Json json{{"target", data->target.name}, {"detector", data->detector}, {"views", json_of_views(*data)}};
-  std::string text;
-  for (std::size_t cam = 0; cam < data->cameras.size(); ++cam) {
-    int n_found = 0, n_all = 0;
-    std::size_t n_corners = 0;
-    for (const View& view : data->views) {
-      if (view.cam != static_cast<int>(cam)) continue;
-      ++n_all;
-      n_found += !view.corners.empty();
-      n_corners += view.corners.size();
-    }
-    text += fmt::format("{}: board found in {} of {} images, {} corners\n", data->cameras[cam].name, n_found,
-                        n_all, n_corners);
-  }
-  for (const View& view : data->views) {
-    if (!view.reason.empty()) text += fmt::format("  {}: {}\n", view.image, view.reason);
-  }
+  std::vector<std::string> names;
+  for (const Target& target : data->targets) names.push_back(target.name);
+  Json json{{"target", join(names, ", ")}, {"detector", data->detector}, {"views", json_of_views(*data)}};
+  std::string text = text_of_views(*data);
   text += fmt::format("{}\nwritten: {}\n", data->detector, o.output);
   if (Status s = print_result(common, json, text); !s) return s.error();
   return kDone;
@@ -87,7 +103,7 @@ Result<int> run(const Options& o, const Common& common) {
 
 void add_detect(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
-  app.add_option("--target", o->target, "target file, ours or Kalibr's")->required();
+  add_target_option(app, o->targets)->required();
   add_cam_option(app, o->cams)->required();
   app.add_option("--pair-by", o->pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")

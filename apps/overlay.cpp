@@ -73,8 +73,8 @@ Status write_overlays(const std::vector<CameraImages>& images, const Dataset& da
     if (!image)
       statuses[i] = image.error();
     else
-      statuses[i] =
-          write_png(jobs[i].picture, drawn(*image, jobs[i].view->corners, data.target.points.size()));
+      statuses[i] = write_png(jobs[i].picture, drawn(*image, jobs[i].view->corners,
+                                                     data.targets[jobs[i].view->target].points.size()));
   });
   for (Status& status : statuses) {
     if (!status) return std::move(status);

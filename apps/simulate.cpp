@@ -23,7 +23,7 @@ struct Options {
 // One image per view, with what makes a photograph: blur, shading, noise, a background that is not plain.
 Status write_images(const std::filesystem::path& folder, const Calibration& truth, const Options& o,
                     const Common& common) {
-  const auto drawings = draw_target(truth.data.target);
+  const auto drawings = draw_target(truth.data.targets[0]);
   if (!drawings) return drawings.error();
   Progress progress("rendering", common);
   CameraRays rays;

@@ -21,7 +21,7 @@ using namespace plumbline;
 Calibration make_problem(int n_views) {
   Calibration cal;
   Rng rng(static_cast<std::uint64_t>(n_views));
-  cal.data.target = *make_target(Chessboard{.columns = 14, .rows = 10, .square_m = 0.03});
+  cal.data.targets = {*make_target(Chessboard{.columns = 14, .rows = 10, .square_m = 0.03})};
   cal.data.cameras = {{"cam", {1920, 1200}}};
   const std::vector<double> k{1500, 1503, 955, 603, -0.2, 0.08, 0.0005, -0.0003, -0.01};
   cal.rig.cameras = {{"cam", {1920, 1200}, *make_lens("opencv5", k)}};
@@ -31,7 +31,7 @@ Calibration make_problem(int n_views) {
     const SE3 T(so3_exp(w), Vec3(rng.uniform(-0.35, 0.0), rng.uniform(-0.25, 0.0), rng.uniform(0.5, 0.9)));
     View view{0, static_cast<int>(cal.data.frames.size()), std::to_string(cal.data.frames.size()), {}, ""};
     for (int id = 0; id < 140; ++id) {
-      const auto px = project(cal.rig.cameras[0].lens, T * cal.data.target.points[id]);
+      const auto px = project(cal.rig.cameras[0].lens, T * cal.data.targets[0].points[id]);
       if (!px || px->x() < 0 || px->y() < 0 || px->x() > 1919 || px->y() > 1199) break;
       view.corners.push_back({id, *px + Vec2(rng.normal(0.3), rng.normal(0.3)), 1.0});
     }
@@ -54,7 +54,7 @@ double opencv_seconds(const Dataset& data) {
     board.emplace_back();
     px.emplace_back();
     for (const Corner& c : view.corners) {
-      const Vec3& p = data.target.points[c.point];
+      const Vec3& p = data.targets[0].points[c.point];
       board.back().emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()), 0.F);
       px.back().emplace_back(static_cast<float>(c.px.x()), static_cast<float>(c.px.y()));
     }

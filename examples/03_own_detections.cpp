@@ -36,7 +36,7 @@ int main() {
   if (!truth) return fail(truth.error());
 
   // What a Dataset needs: the target, the cameras, the frames, and the corners of each view by point id.
-  Dataset data{.target = *target, .cameras = {{"camera", size}}};
+  Dataset data{.targets = {*target}, .cameras = {{"camera", size}}};
   for (int i = 0; i < 12; ++i) {
     const SE3 T_cam_board = board_pose(*target, i);
     View view{.cam = 0, .frame = i, .image = "view" + std::to_string(i)};

@@ -28,10 +28,10 @@ void for_each_inlier(const Calibration& cal, Body&& body) {
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
-    const SE3 T = cal.rig.T_cam_rig[view.cam] * *cal.T_rig_board[view.frame];
+    const SE3 T = cal.rig.T_cam_rig[view.cam] * *board_pose(cal, view);
     for (std::size_t c = 0; c < view.corners.size(); ++c) {
       if (!cal.fits[v][c].outlier) {
-        body(view.cam, T * cal.data.target.points[view.corners[c].point], view.corners[c]);
+        body(view.cam, T * cal.data.targets[view.target].points[view.corners[c].point], view.corners[c]);
       }
     }
   }
@@ -73,6 +73,7 @@ Calibration alone(const Calibration& cal, int cam) {
   out.data.cameras = {cal.data.cameras[cam]};
   out.data.views.clear();
   out.T_rig_board.resize(cal.T_rig_board.size());
+  out.T_board0_board = cal.T_board0_board;
   out.provenance = cal.provenance;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     View view = cal.data.views[v];
@@ -331,6 +332,8 @@ void note_options(const Calibration& cal, std::vector<std::string>& notes) {
 Result<Crosscheck> crosscheck_mrcal(const Calibration& calibration) {
   PLUMBLINE_CHECK(calibration.fits.size() == calibration.data.views.size() &&
                       calibration.T_rig_board.size() == calibration.data.frames.size() &&
+                      calibration.T_board0_board.size() == calibration.data.targets.size() &&
+                      !calibration.data.targets.empty() &&
                       calibration.rig.cameras.size() == calibration.rig.T_cam_rig.size() &&
                       calibration.rig.cameras.size() == calibration.data.cameras.size(),
                   "rig, data, poses and fits of a calibration belong together");
@@ -343,13 +346,20 @@ Result<Crosscheck> crosscheck_mrcal(const Calibration& calibration) {
                  "camera " + calibration.rig.cameras[cam].name};
   }
   Crosscheck out;
-  Setup setup{detail::referee_lattice(calibration.data.target), used_sigma(calibration)};
+  const std::vector<Target>& targets = calibration.data.targets;
+  Setup setup{targets.size() == 1 ? detail::referee_lattice(targets[0]) : std::nullopt,
+              used_sigma(calibration)};
   note_options(calibration, out.notes);
-  if (!setup.lattice) {
+  if (targets.size() > 1) {
+    out.notes.push_back(fmt::format(
+        "mrcal solves for one board, and here are {}: its figures are those of its projection at our "
+        "optimum, not of a solve",
+        targets.size()));
+  } else if (!setup.lattice) {
     out.notes.push_back(
         fmt::format("the points of target {} are not one uniform grid, which is what mrcal solves: its "
                     "figures are those of its projection at our optimum, not of a solve",
-                    calibration.data.target.name));
+                    targets[0].name));
   }
   for (int cam = 0; cam < n_cams; ++cam) {
     auto camera = check_camera(calibration, cam, setup, out.notes);

@@ -21,7 +21,7 @@ Seen inliers_of(const Calibration& cal, std::size_t v) {
   if (!cal.T_rig_board[view.frame] || cal.fits[v].size() != view.corners.size()) return seen;
   for (std::size_t c = 0; c < view.corners.size(); ++c) {
     if (cal.fits[v][c].outlier) continue;
-    seen.p_board.push_back(cal.data.target.points[view.corners[c].point]);
+    seen.p_board.push_back(cal.data.targets[view.target].points[view.corners[c].point]);
     seen.px.push_back(view.corners[c].px);
   }
   return seen;

@@ -17,10 +17,11 @@
 namespace plumbline {
 namespace {
 
-/// One image of the run.
+/// One image of the run, searched for one target.
 struct Job {
   int cam = 0;
   std::size_t image = 0;  ///< within its camera
+  int target = 0;
   ImageSize size;
   std::optional<Result<Detection>> found;
 };
@@ -48,18 +49,20 @@ Result<Detection> run(const std::filesystem::path& file, const std::string& name
   return found;
 }
 
-/// One layout for all images: those found under the other one are looked at again. Returns the remark that is
-/// due.
-std::string settle_layout(const std::vector<CameraImages>& cameras, const Target& target, int n_threads,
-                          std::vector<Job>& jobs) {
+/// One layout of a target for all images: those found under the other one are looked at again. Returns the
+/// remark that is due.
+std::string settle_layout(const std::vector<CameraImages>& cameras, const std::vector<Target>& targets,
+                          int target, int n_threads, std::vector<Job>& jobs) {
   int vote = 0;
-  for (const Job& job : jobs) vote += job.found->value().layout_vote;
+  for (const Job& job : jobs) {
+    if (job.target == target) vote += job.found->value().layout_vote;
+  }
   const auto settled =
-      detail::with_layout(target, vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent);
+      detail::with_layout(targets[target], vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent);
   if (!settled) return "";
   parallel_for(static_cast<int>(jobs.size()), n_threads, [&](int i) {
     Job& job = jobs[static_cast<std::size_t>(i)];
-    if ((job.found->value().layout_vote < 0) == (vote < 0)) return;
+    if (job.target != target || (job.found->value().layout_vote < 0) == (vote < 0)) return;
     const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
     job.found = run(camera.files[job.image], camera.names[job.image], *settled, job.size);
   });
@@ -101,34 +104,46 @@ std::string commonest_reason(const std::vector<Job>& jobs, int cam) {
 }
 
 Status check_found(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
-                   const Target& target) {
+                   const std::vector<Target>& targets) {
+  std::vector<std::string> names;
+  for (const Target& target : targets) names.push_back(target.name);
   for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
     const auto is_here = [&](const Job& job) {
       return job.cam == static_cast<int>(cam) && !job.found->value().corners.empty();
     };
     if (std::any_of(jobs.begin(), jobs.end(), is_here)) continue;
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format("{} is in none of the {} images ({}). Check the target's kind and counts", target.name,
-                    cameras[cam].files.size(), commonest_reason(jobs, static_cast<int>(cam))),
-        cameras[cam].camera};
+    return Error{ErrorCode::kDegenerate,
+                 fmt::format("{} is in none of the {} images ({}). Check the target's kind and counts",
+                             join(names, " or "), cameras[cam].files.size(),
+                             commonest_reason(jobs, static_cast<int>(cam))),
+                 cameras[cam].camera};
+  }
+  for (std::size_t target = 0; target < targets.size(); ++target) {
+    const auto is_here = [&](const Job& job) {
+      return job.target == static_cast<int>(target) && !job.found->value().corners.empty();
+    };
+    if (std::any_of(jobs.begin(), jobs.end(), is_here)) continue;
+    return Error{ErrorCode::kDegenerate,
+                 "it is in no image of any camera. Check the target's kind and counts, or leave it out",
+                 "target " + targets[target].name};
   }
   return {};
 }
 
-/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners come from, camera by
-/// camera where they differ.
+/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners of one target come from,
+/// camera by camera where they differ.
 std::string remark(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
-                   const Target& target) {
+                   const std::vector<Target>& targets, int target) {
   std::map<std::string, std::map<int, int>> by_method;  // method -> camera -> images
   std::map<int, int> found;
   for (const Job& job : jobs) {
     const Detection& d = job.found->value();
-    if (d.corners.empty()) continue;
+    if (job.target != target || d.corners.empty()) continue;
     ++found[job.cam];
     ++by_method[d.method][job.cam];
   }
-  const std::string type(target_type(target.spec));
+  const std::string type =
+      targets.size() > 1 ? targets[target].name : std::string(target_type(targets[target].spec));
   if (by_method.size() == 1) return type + ": " + by_method.begin()->first;
   std::vector<std::string> parts;
   for (const auto& [method, counts] : by_method) {
@@ -151,11 +166,14 @@ std::vector<std::string> frame_keys(const std::vector<CameraImages>& cameras) {
 }
 
 Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
-                 const Target& target) {
+                 const std::vector<Target>& targets, const std::vector<std::string>& layout_remarks) {
   Dataset data;
-  data.target = target;
+  data.targets = targets;
   data.frames = frame_keys(cameras);
-  data.detector = remark(cameras, jobs, target);
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    if (i > 0) data.detector += "; ";
+    data.detector += remark(cameras, jobs, targets, static_cast<int>(i)) + layout_remarks[i];
+  }
   std::map<std::string, int> frame_index;
   for (std::size_t i = 0; i < data.frames.size(); ++i) frame_index[data.frames[i]] = static_cast<int>(i);
   for (const CameraImages& camera : cameras) data.cameras.push_back({camera.camera, {}});
@@ -164,10 +182,12 @@ Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job
     const Detection& found = job.found->value();
     data.cameras[static_cast<std::size_t>(job.cam)].size = job.size;
     data.views.push_back({job.cam, frame_index[camera.frames[job.image]], camera.names[job.image],
-                          found.corners, found.reason});
+                          found.corners, found.reason, job.target});
   }
   std::stable_sort(data.views.begin(), data.views.end(), [](const View& a, const View& b) {
-    return a.cam != b.cam ? a.cam < b.cam : natural_less(a.image, b.image);
+    if (a.cam != b.cam) return a.cam < b.cam;
+    if (a.image == b.image) return a.target < b.target;
+    return natural_less(a.image, b.image);
   });
   return data;
 }
@@ -176,39 +196,47 @@ Dataset assemble(const std::vector<CameraImages>& cameras, const std::vector<Job
 
 Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target,
                                const DetectOptions& options) {
+  return detect_dataset(cameras, std::vector<Target>{target}, options);
+}
+
+Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const std::vector<Target>& targets,
+                               const DetectOptions& options) {
+  PLUMBLINE_CHECK(!targets.empty(), "at least one target is needed");
+  if (auto ok = check_distinct(targets); !ok) return ok.error();
   std::vector<Job> jobs;
   for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
     const CameraImages& c = cameras[cam];
     PLUMBLINE_CHECK(c.files.size() == c.names.size() && c.files.size() == c.frames.size(),
                     "a name and a frame for each file");
     PLUMBLINE_CHECK(!c.files.empty(), "a camera needs images");
-    for (std::size_t i = 0; i < c.files.size(); ++i)
-      jobs.push_back({static_cast<int>(cam), i, {}, std::nullopt});
+    for (std::size_t i = 0; i < c.files.size(); ++i) {
+      for (std::size_t t = 0; t < targets.size(); ++t)
+        jobs.push_back({static_cast<int>(cam), i, static_cast<int>(t), {}, std::nullopt});
+    }
   }
   PLUMBLINE_CHECK(!jobs.empty(), "at least one camera is needed");
   const int n = static_cast<int>(jobs.size());
   std::mutex lock;
   int done = 0;
-  std::string layout_remark;
+  std::vector<std::string> layout_remarks;
   {
     const OpenCvSingleThreaded guard;
     parallel_for(n, options.n_threads, [&](int i) {
       Job& job = jobs[static_cast<std::size_t>(i)];
       const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
-      job.found = run(camera.files[job.image], camera.names[job.image], target, job.size);
+      job.found = run(camera.files[job.image], camera.names[job.image], targets[job.target], job.size);
       const std::lock_guard hold(lock);
       ++done;
       if (options.progress) options.progress(done, n);
     });
     if (auto ok = check_decoded(jobs); !ok) return ok.error();
-    layout_remark = settle_layout(cameras, target, options.n_threads, jobs);
+    for (std::size_t t = 0; t < targets.size(); ++t)
+      layout_remarks.push_back(settle_layout(cameras, targets, static_cast<int>(t), options.n_threads, jobs));
   }
   if (auto ok = check_decoded(jobs); !ok) return ok.error();
   if (auto ok = check_sizes(cameras, jobs); !ok) return ok.error();
-  if (auto ok = check_found(cameras, jobs, target); !ok) return ok.error();
-  Dataset data = assemble(cameras, jobs, target);
-  data.detector += layout_remark;
-  return data;
+  if (auto ok = check_found(cameras, jobs, targets); !ok) return ok.error();
+  return assemble(cameras, jobs, targets, layout_remarks);
 }
 
 }  // namespace plumbline

@@ -89,6 +89,8 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
   append(out, "  - camera: {}\n    frame: {}\n    image: {}\n",
          yaml_text(calibration.data.cameras.at(view.cam).name),
          yaml_text(calibration.data.frames.at(view.frame)), yaml_text(view.image));
+  if (calibration.data.targets.size() > 1)
+    append(out, "    target: {}\n", yaml_text(calibration.data.targets.at(view.target).name));
   if (!view.reason.empty()) append(out, "    reason: {}\n", yaml_text(view.reason));
   if (v < calibration.view_reason.size() && !calibration.view_reason[v].empty()) {
     append(out, "    unused: {}\n", yaml_text(calibration.view_reason[v]));
@@ -111,12 +113,13 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
 }
 
 void read_view(const Field& field, const Names& cameras, Calibration& calibration) {
-  field.only({"camera", "frame", "image", "reason", "unused", "corners"});
+  field.only({"camera", "frame", "image", "target", "reason", "unused", "corners"});
   View view;
   std::vector<CornerFit> fits;
   view.cam = index_of(field.at("camera"), cameras, "camera");
   view.frame = index_of(field.at("frame"), calibration.data.frames, "frame");
   view.image = field.at("image").text();
+  view.target = read_target_of_view(field, calibration.data.targets);
   if (const auto reason = field.find("reason")) view.reason = reason->text();
   const auto unused = field.find("unused");
   if (const auto block = field.find("corners")) {
@@ -151,8 +154,13 @@ bool same_cameras(const Calibration& calibration) {
 
 void write_data(std::string& out, const Calibration& calibration) {
   const Dataset& data = calibration.data;
-  out += "target:\n";
-  write_target(out, "  ", data.target);
+  write_targets(out, data.targets);
+  if (data.targets.size() > 1) {
+    PLUMBLINE_CHECK(calibration.T_board0_board.size() == data.targets.size(), "one pose for each target");
+    out += "T_board0_board:\n";
+    for (std::size_t i = 0; i < data.targets.size(); ++i)
+      append(out, "  {}: {}\n", yaml_text(data.targets[i].name), pose_text(calibration.T_board0_board[i]));
+  }
   if (!data.detector.empty()) append(out, "detector: {}\n", yaml_text(data.detector));
   if (!same_cameras(calibration)) {
     out += data.cameras.empty() ? "data_cameras: []\n" : "data_cameras:\n";
@@ -172,9 +180,25 @@ void write_data(std::string& out, const Calibration& calibration) {
   for (std::size_t v = 0; v < data.views.size(); ++v) write_view(out, calibration, v);
 }
 
+void read_board_poses(const Field& root, Calibration& calibration) {
+  const std::vector<Target>& targets = calibration.data.targets;
+  calibration.T_board0_board.assign(1, SE3());
+  if (targets.size() == 1) return;
+  const Field poses = root.at("T_board0_board");
+  calibration.T_board0_board.clear();
+  for (const auto& [name, pose] : poses.entries()) {
+    const std::size_t i = calibration.T_board0_board.size();
+    if (i >= targets.size() || name != targets[i].name) break;
+    calibration.T_board0_board.push_back(read_pose(pose));
+  }
+  if (calibration.T_board0_board.size() != targets.size() || poses.entries().size() != targets.size())
+    poses.fail("one pose for each target is needed, in the order of the targets");
+}
+
 void read_data(const Field& root, Calibration& calibration) {
   Dataset& data = calibration.data;
-  data.target = read_target(root.at("target"));
+  data.targets = read_targets(root);
+  read_board_poses(root, calibration);
   if (const auto detector = root.find("detector")) data.detector = detector->text();
   if (const auto cameras = root.find("data_cameras")) {
     for (const Field& camera : cameras->items()) data.cameras.push_back(read_camera_info(camera));
@@ -195,11 +219,12 @@ void read_data(const Field& root, Calibration& calibration) {
 
 // --- covariance ---
 
-void write_covariance(std::string& out, const MatX& covariance) {
+void write_covariance(std::string& out, const MatX& covariance, bool several_boards) {
   out +=
       "# of the shared parameters: lens parameters camera by camera, then rotation [rad] and translation [m] "
-      "of each T_cam_rig but the first\n";
-  out += "covariance: |\n";
+      "of each T_cam_rig but the first";
+  if (several_boards) out += ", then of each T_board0_board but the first";
+  out += "\ncovariance: |\n";
   for (Eigen::Index r = 0; r < covariance.rows(); ++r) {
     out += "  ";
     for (Eigen::Index c = 0; c < covariance.cols(); ++c) {
@@ -210,8 +235,8 @@ void write_covariance(std::string& out, const MatX& covariance) {
   }
 }
 
-MatX read_covariance(const Field& block, const Rig& rig) {
-  const auto n = static_cast<Eigen::Index>(shared_parameter_names(rig).size());
+MatX read_covariance(const Field& block, const Calibration& calibration) {
+  const auto n = static_cast<Eigen::Index>(shared_parameter_names(calibration).size());
   std::vector<double> values;
   for_each_row(block.text(), [&](int line, const auto& words) {
     if (static_cast<Eigen::Index>(words.size()) != n) {
@@ -228,7 +253,7 @@ MatX read_covariance(const Field& block, const Rig& rig) {
 /// Its cameras are those of the rig, which are there without data too.
 Contents whole_contents(const Calibration& calibration) {
   Contents contents;
-  if (!calibration.data.target.points.empty()) contents = contents_of(calibration.data);
+  if (!calibration.data.targets.empty()) contents = contents_of(calibration.data);
   contents.cameras = static_cast<int>(calibration.rig.cameras.size());
   return contents;
 }
@@ -237,7 +262,7 @@ Contents whole_contents(const Calibration& calibration) {
 bool is_rig_only(const Calibration& calibration) {
   const SolveStats& stats = calibration.stats;
   const Provenance& provenance = calibration.provenance;
-  return calibration.data.target.points.empty() && stats.rms_px == 0 && stats.n_corners == 0 &&
+  return calibration.data.targets.empty() && stats.rms_px == 0 && stats.n_corners == 0 &&
          stats.termination.empty() && provenance.version.empty() && provenance.options.empty();
 }
 
@@ -247,17 +272,17 @@ Result<Calibration> read_calibration(const Field& root, std::string_view whole_t
   }
   check_version(root, "plumbline_calibration", kCalibrationVersion);
   root.only({"plumbline_calibration", "contents", "cameras", "T_cam_rig", "summary", "provenance", "target",
-             "detector", "data_cameras", "frames", "views", "covariance"});
+             "targets", "T_board0_board", "detector", "data_cameras", "frames", "views", "covariance"});
   Calibration calibration;
   calibration.rig = read_rig_fields(root);
   if (const auto summary = root.find("summary")) calibration.stats = read_summary(*summary);
   if (const auto provenance = root.find("provenance")) calibration.provenance = read_provenance(*provenance);
-  if (const auto covariance = root.find("covariance")) {
-    calibration.covariance = read_covariance(*covariance, calibration.rig);
-  }
-  if (root.has("target")) read_data(root, calibration);
+  const bool has_data = root.has("target") || root.has("targets");
+  if (has_data) read_data(root, calibration);
+  if (const auto covariance = root.find("covariance"))
+    calibration.covariance = read_covariance(*covariance, calibration);
   check_contents(root, whole_contents(calibration), whole_text);
-  if (!root.has("target")) return calibration;  // a rig and nothing else
+  if (!has_data) return calibration;  // a rig and nothing else
   if (Status valid = validate(calibration.data); !valid) return valid.error();
   return calibration;
 }
@@ -322,9 +347,12 @@ void write_rig_fields(std::string& out, const Rig& rig) {
 }  // namespace io
 
 std::string format_calibration(const Calibration& calibration) {
+  const bool several_boards = calibration.data.targets.size() > 1;
   std::string out =
-      "# Plumbline calibration. p_cam = T_cam_rig * T_rig_board * p_board; metres, radians, pixels; the "
-      "centre of the\n"
+      several_boards ? "# Plumbline calibration. p_cam = T_cam_rig * T_rig_board * T_board0_board * p_board; "
+                     : "# Plumbline calibration. p_cam = T_cam_rig * T_rig_board * p_board; ";
+  out +=
+      "metres, radians, pixels; the centre of the\n"
       "# top-left pixel is (0, 0); x right, y down, z forward; quaternions are w, x, y, z.\n";
   io::append(out, "plumbline_calibration: {}\ncontents: {}\n", io::kCalibrationVersion,
              io::contents_text(io::whole_contents(calibration)));
@@ -333,8 +361,8 @@ std::string format_calibration(const Calibration& calibration) {
     io::write_summary(out, calibration.stats);
     io::write_provenance(out, calibration.provenance);
   }
-  if (calibration.covariance) io::write_covariance(out, *calibration.covariance);
-  if (!calibration.data.target.points.empty()) io::write_data(out, calibration);
+  if (calibration.covariance) io::write_covariance(out, *calibration.covariance, several_boards);
+  if (!calibration.data.targets.empty()) io::write_data(out, calibration);
   return out;
 }
 

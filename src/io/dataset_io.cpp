@@ -105,14 +105,50 @@ std::vector<std::string> unique_names(const Field& list, const std::vector<std::
   return names;
 }
 
+std::vector<Target> read_targets(const Field& root) {
+  if (!root.has("targets")) return {read_target(root.at("target"))};
+  if (root.has("target")) root.fail("both 'target' and 'targets' are given");
+  std::vector<Target> targets;
+  std::vector<std::string> names;
+  for (const Field& item : root.at("targets").items()) {
+    targets.push_back(read_target(item));
+    names.push_back(targets.back().name);
+  }
+  if (targets.empty()) root.at("targets").fail("there is no target");
+  unique_names(root.at("targets"), names);
+  return targets;
+}
+
+void write_targets(std::string& out, const std::vector<Target>& targets) {
+  if (targets.size() == 1) {
+    out += "target:\n";
+    write_target(out, "  ", targets[0]);
+    return;
+  }
+  out += "targets:\n";
+  for (const Target& target : targets) {
+    out += "  -\n";
+    write_target(out, "    ", target);
+  }
+}
+
+int read_target_of_view(const Field& view, const std::vector<Target>& targets) {
+  const auto target = view.find("target");
+  if (!target && targets.size() == 1) return 0;
+  std::vector<std::string> names;
+  for (const Target& t : targets) names.push_back(t.name);
+  return index_of(view.at("target"), names, "target");
+}
+
 namespace {
 
 constexpr int kCornersVersion = 1;
 
 View read_view(const Field& field, const std::vector<std::string>& cameras,
-               const std::vector<std::string>& frames) {
-  field.only({"camera", "frame", "image", "reason", "corners"});
+               const std::vector<std::string>& frames, const std::vector<Target>& targets) {
+  field.only({"camera", "frame", "image", "target", "reason", "corners"});
   View view;
+  view.target = read_target_of_view(field, targets);
   view.cam = index_of(field.at("camera"), cameras, "camera");
   view.frame = index_of(field.at("frame"), frames, "frame");
   view.image = field.at("image").text();
@@ -130,9 +166,9 @@ Result<Dataset> read_corners(const Field& root, std::string_view whole_text) {
   if (!root.is_map() || !root.has("plumbline_corners"))
     root.fail("not a corners file: it has no 'plumbline_corners'");
   check_version(root, "plumbline_corners", kCornersVersion);
-  root.only({"plumbline_corners", "contents", "target", "detector", "cameras", "frames", "views"});
+  root.only({"plumbline_corners", "contents", "target", "targets", "detector", "cameras", "frames", "views"});
   Dataset data;
-  data.target = read_target(root.at("target"));
+  data.targets = read_targets(root);
   if (const auto detector = root.find("detector")) data.detector = detector->text();
   std::vector<std::string> cameras;
   for (const Field& camera : root.at("cameras").items()) {
@@ -143,7 +179,7 @@ Result<Dataset> read_corners(const Field& root, std::string_view whole_text) {
   for (const Field& frame : root.at("frames").items()) data.frames.push_back(frame.text());
   unique_names(root.at("frames"), data.frames);
   for (const Field& view : root.at("views").items())
-    data.views.push_back(read_view(view, cameras, data.frames));
+    data.views.push_back(read_view(view, cameras, data.frames, data.targets));
   check_contents(root, contents_of(data), whole_text);
   if (Status valid = validate(data); !valid) return valid.error();
   return data;
@@ -155,9 +191,9 @@ Result<Dataset> read_corners(const Field& root, std::string_view whole_text) {
 std::string format_corners(const Dataset& data) {
   std::string out =
       "# Plumbline corners: pixels, the centre of the top-left pixel is (0, 0). Rows: point x y sigma.\n";
-  out += fmt::format("plumbline_corners: {}\ncontents: {}\ntarget:\n", io::kCornersVersion,
+  out += fmt::format("plumbline_corners: {}\ncontents: {}\n", io::kCornersVersion,
                      io::contents_text(io::contents_of(data)));
-  io::write_target(out, "  ", data.target);
+  io::write_targets(out, data.targets);
   if (!data.detector.empty()) out += fmt::format("detector: {}\n", io::yaml_text(data.detector));
   out += data.cameras.empty() ? "cameras: []\n" : "cameras:\n";
   for (const CameraInfo& camera : data.cameras) out += fmt::format("  - {}\n", io::camera_info_text(camera));
@@ -169,6 +205,8 @@ std::string format_corners(const Dataset& data) {
     out += fmt::format("  - camera: {}\n    frame: {}\n    image: {}\n",
                        io::yaml_text(data.cameras.at(view.cam).name), frames.at(view.frame),
                        io::yaml_text(view.image));
+    if (data.targets.size() > 1)
+      out += fmt::format("    target: {}\n", io::yaml_text(data.targets.at(view.target).name));
     if (!view.reason.empty()) out += fmt::format("    reason: {}\n", io::yaml_text(view.reason));
     if (!view.corners.empty()) out += "    corners: |\n";
     for (const Corner& corner : view.corners) {

@@ -50,6 +50,11 @@ Contents contents_of(const Dataset& data);
 std::string contents_text(const Contents& contents);
 void check_contents(const Field& root, const Contents& found, std::string_view whole_text);
 
+/// One target under `target`, several as a list under `targets`; in views of several, `target` is a name.
+std::vector<Target> read_targets(const Field& root);
+void write_targets(std::string& out, const std::vector<Target>& targets);
+int read_target_of_view(const Field& view, const std::vector<Target>& targets);
+
 CameraInfo read_camera_info(const Field& field);
 std::string camera_info_text(const CameraInfo& camera);
 

@@ -150,7 +150,7 @@ std::string format_vnl(const Dataset& data, int cam) {
       continue;
     }
     auto corner = view.corners.begin();
-    for (int point = 0; point < static_cast<int>(data.target.points.size()); ++point) {
+    for (int point = 0; point < static_cast<int>(data.targets[0].points.size()); ++point) {
       if (corner == view.corners.end() || corner->point != point) {
         out += name + " - - -\n";
         continue;

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "plumbline/core/linalg.hpp"
-#include "plumbline/core/parallel.hpp"
 #include "refine/block_normal.hpp"
 #include "refine/block_runs.hpp"
 
@@ -14,98 +13,114 @@ namespace {
 // Below this share of the largest, a diagonal entry of a board's block is damped as if it were so large.
 constexpr double kLeastDiagonal = 1e-12;
 
-// A = L L'; false when A is not positive definite.
-bool cholesky(const Mat6& A, Mat6& L) {
-  L = A;
-  for (int j = 0; j < 6; ++j) {
-    for (int k = 0; k < j; ++k) L.col(j).tail(6 - j) -= L(j, k) * L.col(k).tail(6 - j);
-    if (!(L(j, j) > 0) || !std::isfinite(L(j, j))) return false;
-    L.col(j).tail(6 - j) /= std::sqrt(L(j, j));
-  }
-  return true;
-}
-
-// B <- B L^-T, so that B A^-1 B' becomes B B'.
-void divide_rows(const Mat6& L, MatX& B) {
-  for (int j = 0; j < 6; ++j) {
-    for (int k = 0; k < j; ++k) B.col(j) -= L(j, k) * B.col(k);
-    B.col(j) /= L(j, j);
-  }
-}
-
 Vec6 forward(const Mat6& L, Vec6 b) {
   for (int j = 0; j < 6; ++j) {
     b[j] /= L(j, j);
-    b.tail(5 - j) -= b[j] * L.col(j).tail(5 - j);
+    for (int i = j + 1; i < 6; ++i) b[i] -= b[j] * L(i, j);
   }
   return b;
 }
 
 Vec6 backward(const Mat6& L, Vec6 b) {
-  for (int j = 5; j >= 0; --j) b[j] = (b[j] - L.col(j).tail(5 - j).dot(b.tail(5 - j))) / L(j, j);
+  for (int j = 5; j >= 0; --j) {
+    for (int i = j + 1; i < 6; ++i) b[j] -= L(i, j) * b[i];
+    b[j] /= L(j, j);
+  }
   return b;
+}
+
+// b(shared) -= B y
+void subtract_product(const BlockFrame& frame, const double* B, const Vec6& y, VecX& b) {
+  const int n = frame.n_shared;
+  int row = 0;
+  for (const Segment& s : frame.shared) {
+    for (int i = 0; i < s.n; ++i, ++row) {
+      const double* r = B + row;
+      b[s.first + i] -= (r[0] * y[0] + r[n] * y[1]) + (r[2 * n] * y[2] + r[3 * n] * y[3]) +
+                        (r[4 * n] * y[4] + r[5 * n] * y[5]);
+    }
+  }
+}
+
+// y += B' d(shared)
+void add_transposed_product(const BlockFrame& frame, const double* B, const VecX& d, Vec6& y) {
+  const int n = frame.n_shared;
+  for (int k = 0; k < 6; ++k) {
+    const double* r = B + k * n;
+    double sum = 0;
+    for (const Segment& s : frame.shared) {
+      for (int i = 0; i < s.n; ++i) sum += r[i] * d[s.first + i];
+      r += s.n;
+    }
+    y[k] += sum;
+  }
 }
 
 }  // namespace
 
-std::optional<BlockFactor> BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal,
-                                             std::vector<int> free, bool hold_boards, double lambda) {
-  BlockFactor factor;
-  factor.problem_ = &problem;
-  factor.free_ = std::move(free);
-  factor.lambda_ = lambda;
-  factor.D_s_ = normal.A_ss.diagonal().cwiseMax(1e-300);
+bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, std::vector<int> free,
+                       bool hold_boards, double lambda) {
+  problem_ = &problem;
+  free_ = std::move(free);
+  lambda_ = lambda;
+  hold_boards_ = hold_boards;
+  D_s_ = normal.A_ss.diagonal().cwiseMax(1e-300);
   MatX S = normal.A_ss;
-  S.diagonal() += lambda * factor.D_s_;
+  S.diagonal() += lambda * D_s_;
   if (!hold_boards) {
-    factor.frames_.resize(problem.frames.size());
-    const Runs runs(problem.frames.size());
-    std::vector<MatX> sums(static_cast<std::size_t>(runs.n_runs));
-    std::vector<char> ok(sums.size(), 1);
-    parallel_for(runs.n_runs, problem.n_threads, [&](int run) {
-      MatX& sum = sums[static_cast<std::size_t>(run)];
-      sum = MatX::Zero(S.rows(), S.cols());
+    const std::size_t n_frames = problem.frames.size();
+    L_ = normal.A_ff;
+    B_ = normal.A_sf;
+    D_f_.resize(n_frames);
+    const Runs runs(n_frames);
+    runs_.resize(static_cast<std::size_t>(runs.n_runs));
+    std::vector<char> ok(runs_.size(), 1);
+    const EliminateFunction eliminate = best_kernels().eliminate;
+    problem.workers->run(runs.n_runs, [&](int run) {
+      MatX& sum = runs_[static_cast<std::size_t>(run)];
+      sum.setZero(S.rows(), S.cols());
       for (int i = runs.first(run); i < runs.first(run + 1); ++i) {
-        const FrameNormal& frame = normal.frames[static_cast<std::size_t>(i)];
-        const std::vector<int>& shared = problem.frames[static_cast<std::size_t>(i)].shared;
-        Eliminated& e = factor.frames_[static_cast<std::size_t>(i)];
-        e.D = frame.A_ff.diagonal().cwiseMax(kLeastDiagonal * frame.A_ff.diagonal().maxCoeff());
-        Mat6 A = frame.A_ff;
-        A.diagonal() += lambda * e.D;
-        if (!cholesky(A, e.L)) {
+        const auto f = static_cast<std::size_t>(i);
+        const BlockFrame& frame = problem.frames[f];
+        D_f_[f] = L_[f].diagonal().cwiseMax(kLeastDiagonal * L_[f].diagonal().maxCoeff());
+        L_[f].diagonal() += lambda * D_f_[f];
+        if (!eliminate(L_[f].data(), B_.data() + frame.at, frame.n_shared, frame.shared.data(),
+                       static_cast<int>(frame.shared.size()), sum.data(), static_cast<int>(sum.rows()))) {
           ok[static_cast<std::size_t>(run)] = 0;
           return;
         }
-        e.B = frame.A_sf;
-        divide_rows(e.L, e.B);
-        sum(shared, shared) += e.B * e.B.transpose();
       }
     });
-    if (std::find(ok.begin(), ok.end(), 0) != ok.end()) return std::nullopt;
-    for (const MatX& sum : sums) S -= sum;
+    if (std::find(ok.begin(), ok.end(), 0) != ok.end()) return false;
+    for (const MatX& sum : runs_) S -= sum;
   }
+  S.triangularView<Eigen::StrictlyUpper>() = S.transpose();
   // To a unit diagonal: parameters of unlike units.
-  factor.scale_ = VecX(factor.D_s_(factor.free_)).cwiseSqrt().cwiseInverse();
-  factor.S_ = factor.scale_.asDiagonal() * MatX(S(factor.free_, factor.free_)) * factor.scale_.asDiagonal();
-  return factor;
+  scale_ = VecX(D_s_(free_)).cwiseSqrt().cwiseInverse();
+  S_ = scale_.asDiagonal() * MatX(S(free_, free_)) * scale_.asDiagonal();
+  return true;
 }
 
 std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
+  const std::size_t n_frames = problem_->frames.size();
+  BlockVector d{VecX::Zero(g.shared.size()), std::vector<Vec6>(n_frames, Vec6::Zero())};
   VecX b = g.shared;
-  std::vector<Vec6> y(frames_.size());
-  for (std::size_t f = 0; f < frames_.size(); ++f) {
-    y[f] = forward(frames_[f].L, g.boards[f]);
-    b(problem_->frames[f].shared) -= frames_[f].B * y[f];
+  if (!hold_boards_) {
+    for (std::size_t f = 0; f < n_frames; ++f) {
+      d.boards[f] = forward(L_[f], g.boards[f]);
+      subtract_product(problem_->frames[f], B_.data() + problem_->frames[f].at, d.boards[f], b);
+    }
   }
-  BlockVector d{VecX::Zero(b.size()), std::vector<Vec6>(problem_->frames.size(), Vec6::Zero())};
   if (!free_.empty()) {
     const auto x = solve_spd(S_, scale_.cwiseProduct(VecX(b(free_))));
     if (!x) return std::nullopt;
     d.shared(free_) = -scale_.cwiseProduct(VecX(*x));
   }
-  for (std::size_t f = 0; f < frames_.size(); ++f) {
-    const Eliminated& e = frames_[f];
-    d.boards[f] = -backward(e.L, y[f] + e.B.transpose() * d.shared(problem_->frames[f].shared));
+  if (!hold_boards_) {
+    for (std::size_t f = 0; f < n_frames; ++f) {
+      add_transposed_product(problem_->frames[f], B_.data() + problem_->frames[f].at, d.shared, d.boards[f]);
+      d.boards[f] = -backward(L_[f], d.boards[f]);
+    }
   }
   return d;
 }
@@ -114,13 +129,13 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
 // zero.
 double BlockFactor::predicted_gain(const BlockVector& g, const BlockVector& d) const {
   double slope = g.shared.dot(d.shared);
-  for (std::size_t f = 0; f < frames_.size(); ++f) slope += g.boards[f].dot(d.boards[f]);
+  for (std::size_t f = 0; f < D_f_.size(); ++f) slope += g.boards[f].dot(d.boards[f]);
   return 0.5 * (lambda_ * scaled_square(d) - slope);
 }
 
 double BlockFactor::scaled_square(const BlockVector& d) const {
   double sum = d.shared.cwiseAbs2().dot(D_s_);
-  for (std::size_t f = 0; f < frames_.size(); ++f) sum += d.boards[f].cwiseAbs2().dot(frames_[f].D);
+  for (std::size_t f = 0; f < D_f_.size(); ++f) sum += d.boards[f].cwiseAbs2().dot(D_f_[f]);
   return sum;
 }
 

@@ -4,150 +4,204 @@
 #include <algorithm>
 #include <cmath>
 
-#include "plumbline/core/parallel.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "refine/block_runs.hpp"
 
 namespace plumbline::detail {
 namespace {
 
-// Where the parameters of a view's camera stand in BlockFrame::shared.
-int place_of(const BlockFrame& frame, int parameter) {
-  return static_cast<int>(std::lower_bound(frame.shared.begin(), frame.shared.end(), parameter) -
-                          frame.shared.begin());
+using Couplings = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 6>>;
+using LensRows = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::ColMajor, kMaxLensParams, 6>;
+
+// Row of a shared parameter in the couplings of a frame.
+int row_of(const BlockFrame& frame, int parameter) {
+  int row = 0;
+  for (const Segment& s : frame.shared) {
+    if (parameter >= s.first && parameter < s.first + s.n) return row + parameter - s.first;
+    row += s.n;
+  }
+  return -1;
 }
 
-Mat6 turned(const Mat3& R) {
-  Mat6 M = Mat6::Zero();
-  M.topLeftCorner<3, 3>() = M.bottomRightCorner<3, 3>() = R;
-  return M;
-}
+// How steps of the three poses of a view's chain move its board in the camera's frame, as the kernel's
+// [dw | dt] sees it. p_cam = T_cam_rig T_rig_board T_board0_board p, each stepped by box_plus().
+struct Chain {
+  SE3 T_cam_board;
+  Mat6 camera, frame, board;  // d[dw | dt] / d(step)
+  bool one_pose;              // no rig and one board: `frame` is the identity
 
-// What turns the kernel's [dw | dt], which moves the board in the camera's frame: a step of the board by the
-// camera's rotation; a step of the camera also swings the board about the camera's centre.
-Mat6 step_of_board(const SE3& T_cam_rig) { return turned(T_cam_rig.R()); }
-Mat6 step_of_camera(const SE3& T_cam_rig, const SE3& T_rig_board) {
-  Mat6 M = Mat6::Identity();
-  M.bottomLeftCorner<3, 3>() = -skew(T_cam_rig.R() * T_rig_board.t());
-  return M;
-}
-
-struct Sum {
-  bool ok = true;
-  double cost = 0;
-  MatX A;
-  VecX g;
-};
-
-// Adds one frame: its own blocks to `normal`, what is shared to `sum`.
-void add_frame(const BlockProblem& problem, const BlockState& state, std::size_t f, FrameNormal& normal,
-               Sum& sum) {
-  const BlockFrame& frame = problem.frames[f];
-  const SE3& T_rig_board = state.T_rig_board[f];
-  normal.A_ff.setZero();
-  normal.g_f.setZero();
-  normal.A_sf.setZero(static_cast<Eigen::Index>(frame.shared.size()), 6);
-  MatX gram;
-  for (const BlockView& view : frame.views) {
-    const SE3& T_cam_rig = state.T_cam_rig[view.cam];
-    const Lens& lens = state.lenses[view.cam];
-    const auto cost = accumulate_view(
-        {lens, T_cam_rig * T_rig_board, view.corners, problem.loss, problem.loss_scale}, &gram);
-    if (!cost || !std::isfinite(*cost)) {
-      sum.ok = false;
+  Chain(const BlockState& state, const BlockView& view, std::size_t f) {
+    const SE3 &T_cam_rig = state.T_cam_rig[view.cam], &T_rig_board = state.T_rig_board[f];
+    one_pose = view.target == 0 && T_cam_rig == SE3();
+    if (one_pose) {
+      T_cam_board = T_rig_board;
       return;
     }
-    sum.cost += *cost;
-    const int n = n_params(lens), lens_at = problem.offsets.lens[view.cam],
-              pose_at = problem.offsets.pose[view.cam];
+    const SE3& T_board0_board = state.T_board0_board[view.target];
+    const SE3 T_rig_this = T_rig_board * T_board0_board;
+    T_cam_board = T_cam_rig * T_rig_this;
     const Mat3 R = T_cam_rig.R();
-    // The kernel's [dw | dt] moves the board in the camera's frame. A step of the board turns into it by R; a
-    // step of the camera also swings the board about the camera's centre.
-    const Mat6 M_board = turned(R);
-    const Mat6 A_pp = gram.block<6, 6>(n, n);
-    const Vec6 g_p = gram.block<6, 1>(n, n + 6);
-    normal.A_ff.noalias() += M_board.transpose() * A_pp * M_board;
-    normal.g_f.noalias() += M_board.transpose() * g_p;
-    normal.A_sf.middleRows(place_of(frame, lens_at), n).noalias() += gram.block(0, n, n, 6) * M_board;
-    sum.A.block(lens_at, lens_at, n, n) += gram.topLeftCorner(n, n);
-    sum.g.segment(lens_at, n) += gram.block(0, n + 6, n, 1);
-    if (pose_at < 0) continue;
-    const Mat6 M_cam = step_of_camera(T_cam_rig, T_rig_board);
-    const Mat6 A_cp = M_cam.transpose() * A_pp;
-    normal.A_sf.middleRows(place_of(frame, pose_at), 6).noalias() += A_cp * M_board;
-    sum.A.block<6, 6>(pose_at, pose_at).noalias() += A_cp * M_cam;
-    const MatX lens_cam = gram.block(0, n, n, 6) * M_cam;
-    sum.A.block(lens_at, pose_at, n, 6) += lens_cam;
-    sum.A.block(pose_at, lens_at, 6, n) += lens_cam.transpose();
-    sum.g.segment<6>(pose_at).noalias() += M_cam.transpose() * g_p;
+    camera = Mat6::Identity();  // also swings the board about the camera's centre
+    camera.bottomLeftCorner<3, 3>() = -skew(R * T_rig_this.t());
+    frame.setZero();
+    frame.topLeftCorner<3, 3>() = frame.bottomRightCorner<3, 3>() = R;
+    // Also swings this board about the first one's origin.
+    frame.bottomLeftCorner<3, 3>() = -R * skew(T_rig_board.R() * T_board0_board.t());
+    board.setZero();
+    board.topLeftCorner<3, 3>() = board.bottomRightCorner<3, 3>() = R * T_rig_board.R();
   }
+};
+
+// The parts of a view's gram: pose with pose, lens with pose, pose with residual.
+struct Parts {
+  Mat6 A_pp;
+  LensRows A_lp;
+  Vec6 g_p;
+  Parts(const Gram& gram, int n) : A_lp(n, 6) {
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j < n; ++j) A_lp(j, i) = gram(n + i, j);
+      for (int j = 0; j <= i; ++j) A_pp(i, j) = A_pp(j, i) = gram(n + i, n + j);
+      g_p[i] = gram(n + 6, n + i);
+    }
+  }
+};
+
+// Adds what a shared pose (of a camera or a board) has with itself, with the lens and with its frame.
+void add_shared_pose(const BlockFrame& frame, int at, int lens_at, const Mat6& M, const Mat6& M_frame,
+                     const Parts& parts, Couplings& A_sf, BlockSums& sums) {
+  const Mat6 A_cp = M.transpose() * parts.A_pp;
+  A_sf.middleRows(row_of(frame, at), 6).noalias() += A_cp * M_frame;
+  sums.A.block<6, 6>(at, at).noalias() += A_cp * M;
+  sums.A.block(at, lens_at, 6, parts.A_lp.rows()).noalias() += M.transpose() * parts.A_lp.transpose();
+  sums.g.segment<6>(at).noalias() += M.transpose() * parts.g_p;
+}
+
+// Adds one view: its frame's own blocks to `normal`, what is shared to `sums`.
+bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t f, const BlockView& view,
+              BlockNormal& normal, BlockSums& sums) {
+  const BlockFrame& frame = problem.frames[f];
+  const Chain chain(state, view, f);
+  const Lens& lens = state.lenses[view.cam];
+  Gram gram;
+  const auto cost =
+      accumulate_view({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale}, &gram);
+  if (!cost) return false;
+  sums.cost += *cost;
+  const int n = n_params(lens), lens_at = problem.offsets.lens[view.cam];
+  for (int j = 0; j < n; ++j) {
+    for (int i = j; i < n; ++i) sums.A(lens_at + i, lens_at + j) += gram(i, j);
+    sums.g[lens_at + j] += gram(n + 6, j);
+  }
+  const Parts parts(gram, n);
+  Couplings A_sf(normal.A_sf.data() + frame.at, frame.n_shared, 6);
+  const int lens_row = row_of(frame, lens_at);
+  if (chain.one_pose) {
+    normal.A_ff[f] += parts.A_pp;
+    normal.g_f[f] += parts.g_p;
+    A_sf.middleRows(lens_row, n) += parts.A_lp;
+    return true;
+  }
+  normal.A_ff[f].noalias() += chain.frame.transpose() * parts.A_pp * chain.frame;
+  normal.g_f[f].noalias() += chain.frame.transpose() * parts.g_p;
+  A_sf.middleRows(lens_row, n).noalias() += parts.A_lp * chain.frame;
+  const int camera_at = problem.offsets.pose[view.cam], board_at = problem.offsets.board[view.target];
+  if (camera_at >= 0)
+    add_shared_pose(frame, camera_at, lens_at, chain.camera, chain.frame, parts, A_sf, sums);
+  if (board_at >= 0) add_shared_pose(frame, board_at, lens_at, chain.board, chain.frame, parts, A_sf, sums);
+  if (camera_at >= 0 && board_at >= 0)  // boards come after cameras: the lower triangle
+    sums.A.block<6, 6>(board_at, camera_at).noalias() += chain.board.transpose() * parts.A_pp * chain.camera;
+  return true;
+}
+
+void add_segment(std::vector<Segment>& list, int first, int n) {
+  for (const Segment& s : list) {
+    if (s.first == first) return;
+  }
+  list.push_back({first, n});
 }
 
 }  // namespace
 
 BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
-  BlockProblem problem{offsets_of(cal.rig), {}, spec.loss, spec.loss_scale, spec.n_threads};
+  BlockProblem problem{
+      offsets_of(cal), {}, 0, spec.loss, spec.loss_scale, std::make_unique<Workers>(spec.n_threads)};
   std::vector<int> place(cal.T_rig_board.size(), -1);
+  ViewCorners last;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     const std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
+    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     int& at = place[cal.data.views[v].frame];
     if (at < 0) {
       at = static_cast<int>(problem.frames.size());
-      problem.frames.push_back({cal.data.views[v].frame, {}, {}});
+      problem.frames.emplace_back().frame = cal.data.views[v].frame;
     }
-    problem.frames[at].views.push_back({cal.data.views[v].cam, view_corners(observations)});
+    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr);
+    last.n = corners.n;
+    last.points = corners.points;
+    BlockFrame& frame = problem.frames[at];
+    frame.views.push_back({cam, target, std::move(corners)});
+    add_segment(frame.shared, problem.offsets.lens[cam], n_params(cal.rig.cameras[cam].lens));
+    if (cam > 0) add_segment(frame.shared, problem.offsets.pose[cam], 6);
+    if (target > 0) add_segment(frame.shared, problem.offsets.board[target], 6);
   }
   for (BlockFrame& frame : problem.frames) {
-    for (const BlockView& view : frame.views) {
-      for (int i = 0; i < n_params(cal.rig.cameras[view.cam].lens); ++i)
-        frame.shared.push_back(problem.offsets.lens[view.cam] + i);
-      for (int i = 0; i < 6 && view.cam > 0; ++i) frame.shared.push_back(problem.offsets.pose[view.cam] + i);
-    }
-    std::sort(frame.shared.begin(), frame.shared.end());
-    frame.shared.erase(std::unique(frame.shared.begin(), frame.shared.end()), frame.shared.end());
+    std::sort(frame.shared.begin(), frame.shared.end(),
+              [](const Segment& a, const Segment& b) { return a.first < b.first; });
+    for (const Segment& s : frame.shared) frame.n_shared += s.n;
+    frame.at = problem.n_coupling;
+    problem.n_coupling += 6 * static_cast<std::size_t>(frame.n_shared);
   }
   return problem;
 }
 
-std::optional<BlockNormal> block_normal(const BlockProblem& problem, const BlockState& state) {
+bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNormal& normal) {
   const Runs runs(problem.frames.size());
   const int n = problem.offsets.total;
-  BlockNormal normal;
-  normal.frames.resize(problem.frames.size());
-  std::vector<Sum> sums(static_cast<std::size_t>(runs.n_runs));
-  parallel_for(runs.n_runs, problem.n_threads, [&](int run) {
-    Sum& sum = sums[static_cast<std::size_t>(run)];
-    sum.A = MatX::Zero(n, n);
-    sum.g = VecX::Zero(n);
-    for (int f = runs.first(run); f < runs.first(run + 1) && sum.ok; ++f)
-      add_frame(problem, state, static_cast<std::size_t>(f), normal.frames[static_cast<std::size_t>(f)], sum);
+  normal.A_ff.assign(problem.frames.size(), Mat6::Zero());
+  normal.g_f.assign(problem.frames.size(), Vec6::Zero());
+  normal.A_sf.assign(problem.n_coupling, 0.0);
+  normal.runs.resize(static_cast<std::size_t>(runs.n_runs));
+  problem.workers->run(runs.n_runs, [&](int run) {
+    BlockSums& sums = normal.runs[static_cast<std::size_t>(run)];
+    sums.ok = true;
+    sums.cost = 0;
+    sums.A.setZero(n, n);
+    sums.g.setZero(n);
+    for (int i = runs.first(run); i < runs.first(run + 1); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      for (const BlockView& view : problem.frames[f].views)
+        sums.ok = sums.ok && add_view(problem, state, f, view, normal, sums);
+    }
   });
-  normal.A_ss = MatX::Zero(n, n);
-  normal.g_s = VecX::Zero(n);
-  for (const Sum& sum : sums) {
-    if (!sum.ok) return std::nullopt;
-    normal.cost += sum.cost;
-    normal.A_ss += sum.A;
-    normal.g_s += sum.g;
+  normal.cost = 0;
+  normal.A_ss.setZero(n, n);
+  normal.g_s.setZero(n);
+  for (const BlockSums& sums : normal.runs) {
+    if (!sums.ok) return false;
+    normal.cost += sums.cost;
+    normal.A_ss += sums.A;
+    normal.g_s += sums.g;
   }
-  return normal;
+  return std::isfinite(normal.cost);
 }
 
-BlockVector gradient(const BlockNormal& normal) {
-  BlockVector g{normal.g_s, {}};
-  g.boards.reserve(normal.frames.size());
-  for (const FrameNormal& frame : normal.frames) g.boards.push_back(frame.g_f);
-  return g;
-}
+BlockVector gradient(const BlockNormal& normal) { return {normal.g_s, normal.g_f}; }
 
 BlockVector times(const BlockProblem& problem, const BlockNormal& normal, const BlockVector& v) {
-  BlockVector out{normal.A_ss * v.shared, {}};
+  BlockVector out{normal.A_ss.selfadjointView<Eigen::Lower>() * v.shared, {}};
   for (std::size_t f = 0; f < problem.frames.size(); ++f) {
-    const FrameNormal& frame = normal.frames[f];
-    const std::vector<int>& shared = problem.frames[f].shared;
-    out.shared(shared) += frame.A_sf * v.boards[f];
-    out.boards.push_back(frame.A_ff * v.boards[f] + frame.A_sf.transpose() * v.shared(shared));
+    const BlockFrame& frame = problem.frames[f];
+    const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 6>> A_sf(normal.A_sf.data() + frame.at,
+                                                                          frame.n_shared, 6);
+    Vec6 own = normal.A_ff[f] * v.boards[f];
+    int row = 0;
+    for (const Segment& s : frame.shared) {
+      out.shared.segment(s.first, s.n).noalias() += A_sf.middleRows(row, s.n) * v.boards[f];
+      own.noalias() += A_sf.middleRows(row, s.n).transpose() * v.shared.segment(s.first, s.n);
+      row += s.n;
+    }
+    out.boards.push_back(own);
   }
   return out;
 }
@@ -157,34 +211,35 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
   const std::size_t n_frames = problem.frames.size();
   const Runs runs(n_frames);
   BlockVector out{VecX::Zero(problem.offsets.total), std::vector<Vec6>(n_frames, Vec6::Zero())};
-  std::vector<Sum> sums(static_cast<std::size_t>(runs.n_runs));
-  parallel_for(runs.n_runs, problem.n_threads, [&](int run) {
-    Sum& sum = sums[static_cast<std::size_t>(run)];
-    sum.g = VecX::Zero(problem.offsets.total);
-    for (int i = runs.first(run); i < runs.first(run + 1) && sum.ok; ++i) {
+  std::vector<BlockSums> all(static_cast<std::size_t>(runs.n_runs));
+  problem.workers->run(runs.n_runs, [&](int run) {
+    BlockSums& sums = all[static_cast<std::size_t>(run)];
+    sums.g = VecX::Zero(problem.offsets.total);
+    for (int i = runs.first(run); i < runs.first(run + 1) && sums.ok; ++i) {
       const auto f = static_cast<std::size_t>(i);
       for (const BlockView& view : problem.frames[f].views) {
-        const SE3& T_cam_rig = state.T_cam_rig[view.cam];
+        const Chain chain(state, view, f), ahead(other, view, f);
         const Lens& lens = state.lenses[view.cam];
-        const auto second = accumulate_second(
-            {lens, T_cam_rig * state.T_rig_board[f], view.corners, problem.loss, problem.loss_scale},
-            other.lenses[view.cam], other.T_cam_rig[view.cam] * other.T_rig_board[f]);
+        const auto second =
+            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale},
+                              other.lenses[view.cam], ahead.T_cam_board);
         if (!second) {
-          sum.ok = false;
+          sums.ok = false;
           break;
         }
-        const int n = n_params(lens), pose_at = problem.offsets.pose[view.cam];
+        const int n = n_params(lens), camera_at = problem.offsets.pose[view.cam],
+                  board_at = problem.offsets.board[view.target];
         const Vec6 g_p = second->tail<6>();
-        sum.g.segment(problem.offsets.lens[view.cam], n) += second->head(n);
-        out.boards[f] += step_of_board(T_cam_rig).transpose() * g_p;
-        if (pose_at >= 0)
-          sum.g.segment<6>(pose_at) += step_of_camera(T_cam_rig, state.T_rig_board[f]).transpose() * g_p;
+        sums.g.segment(problem.offsets.lens[view.cam], n) += second->head(n);
+        out.boards[f] += chain.one_pose ? g_p : Vec6(chain.frame.transpose() * g_p);
+        if (camera_at >= 0) sums.g.segment<6>(camera_at) += chain.camera.transpose() * g_p;
+        if (board_at >= 0) sums.g.segment<6>(board_at) += chain.board.transpose() * g_p;
       }
     }
   });
-  for (const Sum& sum : sums) {
-    if (!sum.ok) return std::nullopt;
-    out.shared += sum.g;
+  for (const BlockSums& sums : all) {
+    if (!sums.ok) return std::nullopt;
+    out.shared += sums.g;
   }
   return out;
 }

@@ -1,22 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <memory>
 #include <optional>
 #include <vector>
 
+#include "plumbline/core/parallel.hpp"
 #include "refine/solve.hpp"
 #include "refine/view_kernel.hpp"
+#include "refine/view_kernel_sets.hpp"
 
 /// The normal equations of a whole calibration in blocks, as block_solve.cpp steps on them.
 namespace plumbline::detail {
 
-/// What moves: lenses, rig, board poses.
+/// What moves: lenses, rig, boards.
 struct BlockState {
   std::vector<Lens> lenses;
-  std::vector<SE3> T_cam_rig, T_rig_board;  ///< the latter one for each BlockFrame
+  std::vector<SE3> T_cam_rig, T_board0_board;
+  std::vector<SE3> T_rig_board;  ///< of the first board, one for each BlockFrame
 };
 
 struct BlockView {
-  int cam = 0;
+  int cam = 0, target = 0;
   ViewCorners corners;
 };
 
@@ -24,35 +28,43 @@ struct BlockView {
 struct BlockFrame {
   int frame = 0;  ///< index into Calibration::T_rig_board
   std::vector<BlockView> views;
-  std::vector<int> shared;  ///< the shared parameters that its views depend on, ascending
+  std::vector<Segment> shared;  ///< the shared parameters that its views depend on, ascending
+  int n_shared = 0;
+  std::size_t at = 0;  ///< where its rows start in the arrays of all frames: 6 columns of n_shared numbers
 };
 
 struct BlockProblem {
   Offsets offsets;
   std::vector<BlockFrame> frames;
+  std::size_t n_coupling = 0;  ///< numbers in the couplings of all frames
   Loss loss = Loss::kSquared;
   double loss_scale = 1;
-  int n_threads = 1;
+  std::unique_ptr<Workers> workers;
 };
 BlockProblem block_problem(const Calibration& calibration, const SolveSpec& spec);
 
-/// A = J'J and g = J'r of one frame: over its board pose, and between that and BlockFrame::shared.
-struct FrameNormal {
-  Mat6 A_ff;
-  Vec6 g_f;
-  MatX A_sf;  ///< shared.size() x 6
+/// Sums of one run of frames (block_runs.hpp).
+struct BlockSums {
+  bool ok = true;
+  double cost = 0;
+  MatX A;
+  VecX g;
 };
 
+/// A = J'J and g = J'r: over the shared parameters, over each board pose, and between the two.
 struct BlockNormal {
   double cost = 0;
-  MatX A_ss;  ///< over all shared parameters
+  MatX A_ss;  ///< lower triangle
   VecX g_s;
-  std::vector<FrameNormal> frames;
+  std::vector<Mat6> A_ff;
+  std::vector<Vec6> g_f;
+  std::vector<double> A_sf;     ///< of each frame, from BlockFrame::at: 6 columns of n_shared numbers
+  std::vector<BlockSums> runs;  ///< work space
 };
 
-/// nullopt when a corner lies outside its lens' domain or a number is not finite. Sums run in an order that
-/// depends on nothing but the number of frames.
-std::optional<BlockNormal> block_normal(const BlockProblem& problem, const BlockState& state);
+/// Fills `normal`, whose memory is used again. False when a corner lies outside its lens' domain or a number
+/// is not finite. Sums run in an order that depends on nothing but the number of frames.
+bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNormal& normal);
 
 /// A vector over all parameters: a gradient or a step.
 struct BlockVector {
@@ -63,10 +75,10 @@ struct BlockVector {
 /// The damped normal matrix A + lambda diag(A) with the board poses eliminated.
 class BlockFactor {
  public:
-  /// nullopt when a block is not positive definite. `free` lists the shared parameters that move; boards stay
-  /// with hold_boards.
-  static std::optional<BlockFactor> make(const BlockProblem& problem, const BlockNormal& normal,
-                                         std::vector<int> free, bool hold_boards, double lambda);
+  /// False when a block is not positive definite. `free` lists the shared parameters that move; boards stay
+  /// with hold_boards. `normal` must outlive the factor.
+  bool make(const BlockProblem& problem, const BlockNormal& normal, std::vector<int> free, bool hold_boards,
+            double lambda);
   /// The step d with (A + lambda diag(A)) d = -g, or nullopt when the matrix is not positive definite.
   std::optional<BlockVector> step(const BlockVector& g) const;
   /// What the quadratic model without damping promises of the cost for a step by step(gradient).
@@ -75,15 +87,14 @@ class BlockFactor {
   double scaled_square(const BlockVector& d) const;
 
  private:
-  // Of each frame: A_ff + damping = L L', B = A_sf L^-T.
-  struct Eliminated {
-    Mat6 L;
-    MatX B;
-    Vec6 D;
-  };
   const BlockProblem* problem_ = nullptr;
+  bool hold_boards_ = false;
   std::vector<int> free_;
-  std::vector<Eliminated> frames_;
+  // Of each frame: A_ff + damping = L L', B = A_sf L^-T, and the diagonal that the damping scales with.
+  std::vector<Mat6> L_;
+  std::vector<double> B_;
+  std::vector<Vec6> D_f_;
+  std::vector<MatX> runs_;
   MatX S_;  // of the free parameters, scaled to a unit diagonal of A
   VecX D_s_, scale_;
   double lambda_ = 0;

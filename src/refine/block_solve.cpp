@@ -12,16 +12,19 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
-// The cost is a sum of some ten thousand squares, good to some units in its last places.
 // Steps along a straight line are enough for ordinary lenses, and cost half.
 constexpr int kPlainIterations = 10;
+// An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
+constexpr int kEdgeMemory = 20;
+constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
+// The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
 
 BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
   BlockState state;
   for (const Camera& camera : cal.rig.cameras) state.lenses.push_back(camera.lens);
   state.T_cam_rig = cal.rig.T_cam_rig;
+  state.T_board0_board = cal.T_board0_board;
   for (const BlockFrame& frame : problem.frames) state.T_rig_board.push_back(*cal.T_rig_board[frame.frame]);
   return state;
 }
@@ -29,6 +32,7 @@ BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
 void write_to(Calibration& cal, const BlockProblem& problem, const BlockState& state) {
   for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
   cal.rig.T_cam_rig = state.T_cam_rig;
+  cal.T_board0_board = state.T_board0_board;
   for (std::size_t f = 0; f < problem.frames.size(); ++f)
     cal.T_rig_board[problem.frames[f].frame] = state.T_rig_board[f];
 }
@@ -39,11 +43,15 @@ BlockState moved(const BlockProblem& problem, const BlockState& state, const Blo
     const auto k = params(next.lenses[i]);
     for (std::size_t j = 0; j < k.size(); ++j)
       k[j] += step.shared[problem.offsets.lens[i] + static_cast<int>(j)];
-    if (problem.offsets.pose[i] >= 0) {
-      const Vec6 d = step.shared.segment<6>(problem.offsets.pose[i]);
-      if (!d.isZero(0)) next.T_cam_rig[i] = box_plus(next.T_cam_rig[i], d);
-    }
   }
+  const auto move = [&](SE3& T, int at) {
+    if (at < 0) return;
+    const Vec6 d = step.shared.segment<6>(at);
+    if (!d.isZero(0)) T = box_plus(T, d);
+  };
+  for (std::size_t i = 0; i < next.T_cam_rig.size(); ++i) move(next.T_cam_rig[i], problem.offsets.pose[i]);
+  for (std::size_t i = 0; i < next.T_board0_board.size(); ++i)
+    move(next.T_board0_board[i], problem.offsets.board[i]);
   for (std::size_t f = 0; f < next.T_rig_board.size(); ++f) {
     if (!step.boards[f].isZero(0)) next.T_rig_board[f] = box_plus(next.T_rig_board[f], step.boards[f]);
   }
@@ -94,8 +102,10 @@ bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
     if (is_sparse(camera.lens)) return false;
   }
   if (spec.held.empty()) return true;
-  const Offsets offsets = offsets_of(cal.rig);
-  for (int at : offsets.pose) {
+  const Offsets offsets = offsets_of(cal);
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
     if (at < 0) continue;
     const int n_held = spec.held[at] + spec.held[at + 1] + spec.held[at + 2];
     if (n_held == 1 || n_held == 2) return false;
@@ -108,39 +118,44 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   SolveReport report;
   if (problem.frames.empty()) return {.termination = "no corner to use"};
   BlockState state = state_of(cal, problem);
-  auto normal = block_normal(problem, state);
-  if (!normal) return {.termination = "a corner lies outside its lens' domain at the start"};
+  BlockNormal normal, next_normal;
+  if (!make_normal(problem, state, normal))
+    return {.termination = "a corner lies outside its lens' domain at the start"};
   const double tolerance = spec.tight ? 1e-14 : 1e-7;
+  BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
+  int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
     ++report.iterations;
-    const auto factor =
-        BlockFactor::make(problem, *normal, free_parameters(*normal, spec), spec.hold_boards, damping);
-    const BlockVector g = gradient(*normal);
-    auto step = factor ? factor->step(g) : std::nullopt;
+    const BlockVector g = gradient(normal);
+    auto step = factor.make(problem, normal, free_parameters(normal, spec), spec.hold_boards, damping)
+                    ? factor.step(g)
+                    : std::nullopt;
     double gain = 0, predicted = 0;
     if (step) {
-      predicted = factor->predicted_gain(g, *step);
-      if (predicted <= tolerance * normal->cost + 1e-24) {
+      predicted = factor.predicted_gain(g, *step);
+      if (predicted <= tolerance * normal.cost + 1e-24) {
         // In a flat valley the damping alone can make the step small: only an undamped one tells.
         if (damping <= kUndamped) {
           report.converged = true;
           report.termination = fmt::format("converged: the next step would lower the cost by {:.1e} of it",
-                                           normal->cost > 0 ? predicted / normal->cost : 0.0);
+                                           normal.cost > 0 ? predicted / normal.cost : 0.0);
           break;
         }
         damping = std::max(1e-3 * damping, kLeastDamping);
         continue;
       }
-      if (report.iterations > kPlainIterations) bend(problem, state, *normal, *factor, g, *step);
+      if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
-        auto next_normal = block_normal(problem, next);
-        if (next_normal) gain = normal->cost - next_normal->cost;
+        if (make_normal(problem, next, next_normal))
+          gain = normal.cost - next_normal.cost;
+        else
+          last_edge = report.iterations;
         if (gain > 0) {
           state = std::move(next);
-          normal = std::move(next_normal);
+          std::swap(normal, next_normal);
         }
       }
     }
@@ -149,7 +164,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       damping = std::max(kLeastDamping,
                          damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
       growth = 2;
-    } else if (step && predicted <= kRounding * normal->cost) {
+    } else if (step && predicted <= kRounding * normal.cost) {
       report.converged = true;
       report.termination = "converged: rounding hides what is left to gain";
       break;
@@ -162,7 +177,9 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       }
     }
   }
-  report.cost = normal->cost;
+  if (report.iterations - last_edge < kEdgeMemory)
+    report.termination += "; it lies at the edge of a lens' domain, so the views do not determine this lens";
+  report.cost = normal.cost;
   report.usable = std::isfinite(report.cost);
   write_to(cal, problem, state);
   return report;

@@ -15,7 +15,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 
 struct ViewJacobian {
   VecX r;
-  RowMajor lens, cam, board;
+  RowMajor lens, cam, board, further;  // the last of a further board's T_board0_board, or empty
 };
 
 std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
@@ -24,11 +24,14 @@ std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v,
   const View& view = cal.data.views[v];
   const Lens& lens = cal.rig.cameras[view.cam].lens;
   const auto n = static_cast<Eigen::Index>(2 * observations.size());
-  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7)};
-  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale);
+  const bool further = view.target > 0;
+  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7),
+                 RowMajor(further ? n : 0, 7)};
+  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, further);
   const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
-                            cal.T_rig_board[view.frame]->qt.data()};
-  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data()};
+                            cal.T_rig_board[view.frame]->qt.data(),
+                            cal.T_board0_board[view.target].qt.data()};
+  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data(), J.further.data()};
   if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
   return J;
 }
@@ -42,21 +45,23 @@ struct FrameJacobian {
 
 FrameJacobian frame_jacobian(const Calibration& cal, const std::vector<int>& views, const Offsets& offsets,
                              const SolveSpec& spec) {
-  std::vector<std::pair<int, ViewJacobian>> parts;
+  std::vector<std::pair<const View*, ViewJacobian>> parts;
   Eigen::Index n_rows = 0;
   for (int v : views) {
     if (auto J = view_jacobian(cal, v, spec)) {
       n_rows += J->r.size();
-      parts.emplace_back(cal.data.views[v].cam, *std::move(J));
+      parts.emplace_back(&cal.data.views[v], *std::move(J));
     }
   }
   FrameJacobian frame{MatX::Zero(n_rows, 6 + offsets.total), 0};
   Eigen::Index row = 0;
-  for (const auto& [cam, part] : parts) {
+  for (const auto& [view, part] : parts) {
+    const int cam = view->cam, target = view->target;
     const Eigen::Index n = part.r.size();
     frame.J.block(row, 0, n, 6) = part.board.leftCols(6);
     frame.J.block(row, 6 + offsets.lens[cam], n, part.lens.cols()) = part.lens;
     if (offsets.pose[cam] >= 0) frame.J.block(row, 6 + offsets.pose[cam], n, 6) = part.cam.leftCols(6);
+    if (target > 0) frame.J.block(row, 6 + offsets.board[target], n, 6) = part.further.leftCols(6);
     frame.sum += part.r.squaredNorm();
     row += n;
   }
@@ -80,7 +85,7 @@ void project_out_pose(MatX& J) {
 }  // namespace
 
 SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
-  const Offsets offsets = offsets_of(cal.rig);
+  const Offsets offsets = offsets_of(cal);
   std::vector<std::vector<int>> views_of(cal.T_rig_board.size());
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (takes_part(cal, v)) views_of[cal.data.views[v].frame].push_back(static_cast<int>(v));

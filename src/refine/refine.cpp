@@ -135,8 +135,9 @@ void robust_solve(Calibration& cal, const RefineOptions& options, const std::vec
   }
 }
 
-Result<Calibration> finish(Calibration cal, const RefineOptions& options, const std::vector<bool>& held,
-                           bool from_seed) {
+Result<Calibration> finish(Calibration cal, const RefineOptions& options,
+                           const std::vector<bool>& held_by_name, bool from_seed) {
+  const std::vector<bool> held = hold_loose_boards(cal, held_by_name);
   bring_back(cal);
   if (options.mark_outliers || from_seed) robust_solve(cal, options, held);
   const SolveSpec spec{.loss = options.loss,
@@ -179,12 +180,17 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
 
 // Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
 Status enough_views(const Calibration& cal) {
-  const int needed = cal.data.target.is_planar ? 3 : 1;
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
-    int n = 0;
+    const bool some_planar = std::any_of(cal.data.targets.begin(), cal.data.targets.end(),
+                                         [](const Target& target) { return target.is_planar; });
+    int n = 0, needed = some_planar ? 3 : 1;
     for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-      n += cal.data.views[v].cam == static_cast<int>(cam) &&
-           cal.data.views[v].corners.size() >= kLeastCorners && cal.view_reason[v].empty();
+      const View& view = cal.data.views[v];
+      if (view.cam != static_cast<int>(cam) || view.corners.size() < kLeastCorners ||
+          !cal.view_reason[v].empty())
+        continue;
+      ++n;
+      if (!cal.data.targets[view.target].is_planar) needed = 1;
     }
     if (n >= needed) continue;
     return Error{
@@ -217,7 +223,7 @@ Result<std::vector<Lens>> starting_lenses(const Dataset& data, const std::vector
 
 // What the seed says of a lens that is too simple, first: it makes the other warnings moot.
 void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
-  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  const std::vector<std::string> names = shared_parameter_names(cal);
   for (WeakDirection& weak : lean) {
     const auto i = std::find(names.begin(), names.end(), weak.parameters) - names.begin();
     weak.sigma = std::sqrt((*cal.covariance)(i, i));
@@ -232,15 +238,17 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   if (auto status = validate(data); !status) return status.error();
   const auto lenses = starting_lenses(data, options.lenses);
   if (!lenses) return lenses.error();
-  if (options.start == Start::kDlt && data.target.is_planar) {
+  const bool all_planar = std::all_of(data.targets.begin(), data.targets.end(),
+                                      [](const Target& target) { return target.is_planar; });
+  if (options.start == Start::kDlt && all_planar) {
     return Error{ErrorCode::kDegenerate,
                  "a camera matrix by DLT needs points that are not in one plane, and all points of this "
                  "target are; use "
                  "--start zhang",
-                 "target " + data.target.name};
+                 "target " + data.targets[0].name};
   }
   const Calibration empty = empty_calibration(data, *lenses);
-  const auto held = held_mask(empty.rig, options.fixed);
+  const auto held = held_mask(empty, options.fixed);
   if (!held) return held.error();
   if (auto status = enough_views(empty); !status) return status.error();
 
@@ -264,7 +272,7 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   refuse_small_views(*seed);
   if (auto status = enough_views(*seed); !status) return status.error();
   // Anew: the seed may have chosen the shape of a lens.
-  auto held_in_seed = held_mask(seed->rig, options.fixed);
+  auto held_in_seed = held_mask(*seed, options.fixed);
   if (!held_in_seed) return held_in_seed.error();
   hold_cores(seed->rig, *held_in_seed);
   auto cal = finish(*std::move(seed), options, *held_in_seed, true);
@@ -277,9 +285,10 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
   if (auto status = validate(start.data); !status) return status.error();
   PLUMBLINE_CHECK(start.rig.cameras.size() == start.data.cameras.size() &&
                       start.rig.T_cam_rig.size() == start.rig.cameras.size() &&
-                      start.T_rig_board.size() == start.data.frames.size(),
+                      start.T_rig_board.size() == start.data.frames.size() &&
+                      start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
-  auto held = held_mask(start.rig, options.fixed);
+  auto held = held_mask(start, options.fixed);
   if (!held) return held.error();
   hold_cores(start.rig, *held);
   Calibration cal = start;

@@ -53,10 +53,14 @@ SE3 pose_of(const double* block) {
 template <class L>
 class ViewCost final : public ceres::CostFunction {
  public:
-  ViewCost(std::vector<Observation> observations, Loss loss, double loss_scale)
-      : observations_(std::move(observations)), loss_(loss), loss_scale_(loss_scale) {
+  ViewCost(std::vector<Observation> observations, Loss loss, double loss_scale, bool further_board)
+      : observations_(std::move(observations)),
+        loss_(loss),
+        loss_scale_(loss_scale),
+        further_board_(further_board) {
     set_num_residuals(static_cast<int>(2 * observations_.size()));
     *mutable_parameter_block_sizes() = {L::kNumParams, 7, 7};
+    if (further_board) mutable_parameter_block_sizes()->push_back(7);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
@@ -66,13 +70,23 @@ class ViewCost final : public ceres::CostFunction {
     const SE3 T_cam_rig = pose_of(blocks[1]), T_rig_board = pose_of(blocks[2]);
     const Mat3 R_cam_rig = T_cam_rig.R(), R_rig_board = T_rig_board.R();
     const Vec3 t_cam_rig = T_cam_rig.t(), t_rig_board = T_rig_board.t();
+    const SE3 T_board0_board = further_board_ ? pose_of(blocks[3]) : SE3();
+    const Mat3 R_board0_board = T_board0_board.R(), R_cam_board0 = R_cam_rig * R_rig_board;
+    const Vec3 t_board0_board = T_board0_board.t();
     Mat23 J_px_p;
     JacParams<L> J_px_k;
     const bool wants_k = jacobians && jacobians[0], wants_cam = jacobians && jacobians[1],
-               wants_board = jacobians && jacobians[2], wants_p = wants_cam || wants_board;
+               wants_board = jacobians && jacobians[2],
+               wants_further = further_board_ && jacobians && jacobians[3],
+               wants_p = wants_cam || wants_board || wants_further;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       const Observation& o = observations_[i];
-      const Vec3 turned_board = R_rig_board * o.p_board;
+      Vec3 p_board0 = o.p_board, turned_further = o.p_board;
+      if (further_board_) {
+        turned_further = R_board0_board * o.p_board;
+        p_board0 = turned_further + t_board0_board;
+      }
+      const Vec3 turned_board = R_rig_board * p_board0;
       const Vec3 turned_rig = R_cam_rig * (turned_board + t_rig_board);
       const auto px =
           lens.project(turned_rig + t_cam_rig, wants_p ? &J_px_p : nullptr, wants_k ? &J_px_k : nullptr);
@@ -93,6 +107,7 @@ class ViewCost final : public ceres::CostFunction {
       const Mat23 J_r_p = J_r_px * J_px_p;
       if (wants_cam) write_pose(jacobians[1] + 14 * i, J_r_p, turned_rig);
       if (wants_board) write_pose(jacobians[2] + 14 * i, J_r_p * R_cam_rig, turned_board);
+      if (wants_further) write_pose(jacobians[3] + 14 * i, J_r_p * R_cam_board0, turned_further);
     }
     return true;
   }
@@ -115,6 +130,7 @@ class ViewCost final : public ceres::CostFunction {
   std::vector<Observation> observations_;
   Loss loss_;
   double loss_scale_;
+  bool further_board_;
 };
 
 class PoseManifold final : public ceres::Manifold {
@@ -183,13 +199,14 @@ class PoseManifold final : public ceres::Manifold {
 }  // namespace
 
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
-                                                    Loss loss, double loss_scale) {
+                                                    Loss loss, double loss_scale, bool further_board) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
         if constexpr (FixedLens<L>)
-          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale);
+          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board);
         else
-          return make_sparse_cost(std::make_shared<Lens>(lens), std::move(observations), loss, loss_scale);
+          return make_sparse_cost(std::make_shared<Lens>(lens), std::move(observations), loss, loss_scale,
+                                  further_board);
       },
       lens);
 }

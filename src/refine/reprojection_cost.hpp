@@ -35,7 +35,8 @@ struct Scaling {
 };
 Scaling scaling_of(Loss loss, double scale, double s);
 
-/// The cost of one view: 2n residuals over the blocks [lens parameters | T_cam_rig (7) | T_rig_board (7)].
+/// The cost of one view: 2n residuals over the blocks [lens parameters | T_cam_rig (7) | T_rig_board (7)],
+/// and of a view of a further board [... | T_board0_board (7)].
 ///
 /// The residual of a corner is r' = f r with r = weight * (projection - measured) and f = sqrt(rho(|r|^2) /
 /// |r|^2). Then |r'|^2 = rho(|r|^2) per CORNER, so that Ceres' cost, half the sum of squares, is exactly half
@@ -47,7 +48,7 @@ Scaling scaling_of(Loss loss, double scale, double s);
 ///
 /// Evaluate returns false when any corner leaves the lens' domain: Ceres then rejects the step.
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
-                                                    Loss loss, double loss_scale);
+                                                    Loss loss, double loss_scale, bool further_board = false);
 
 /// Steps an SE3 by box_plus in the components of [dw | dt] that are not held.
 ///

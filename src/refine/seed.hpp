@@ -10,7 +10,9 @@
 
 namespace plumbline::detail {
 
-/// The data of one camera as a data set of its own, with all frames, and where its views stood.
+/// The data of one camera as a data set of its own, and where its views stood. Several boards become one
+/// target with the points of all, and each frame becomes a frame for each board: a camera alone is seeded
+/// without knowing how the boards stand to one another.
 struct MonoData {
   Dataset data;
   std::vector<int> view_index;  ///< into the views of the whole data set

@@ -27,7 +27,7 @@ std::vector<int> spread_subset(const Dataset& mono, int n_wanted) {
 }
 
 Dataset with_views(const Dataset& mono, const std::vector<int>& views) {
-  Dataset subset{mono.target, mono.cameras, mono.frames, {}, mono.detector};
+  Dataset subset{mono.targets, mono.cameras, mono.frames, {}, mono.detector};
   for (int v : views) subset.views.push_back(mono.views[v]);
   return subset;
 }
@@ -142,7 +142,7 @@ std::vector<double> angles_off_axis(const Calibration& cal) {
     const View& view = cal.data.views[v];
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       if (cal.fits[v][i].outlier) continue;
-      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.target.points[view.corners[i].point];
+      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.targets[0].points[view.corners[i].point];
       angles.push_back(std::atan2(p_cam.head<2>().norm(), p_cam.z()));
     }
   }
@@ -178,7 +178,7 @@ bool is_doubtful(const Calibration& cal) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.target.points[view.corners[i].point];
+      const Vec3 p_cam = *cal.T_rig_board[view.frame] * cal.data.targets[0].points[view.corners[i].point];
       if (cal.fits[v][i].outlier || p_cam.head<2>().norm() > wide * p_cam.z()) return true;
     }
   }

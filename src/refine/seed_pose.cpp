@@ -7,13 +7,42 @@
 
 namespace plumbline::detail {
 
+namespace {
+
+// The points of all boards as those of one target. As every view shows the points of one board only, that is
+// all that a camera alone can tell of several boards.
+Target joined(const std::vector<Target>& targets, std::vector<int>& first_point) {
+  if (targets.size() == 1) {
+    first_point = {0};
+    return targets[0];
+  }
+  Target all;
+  for (const Target& target : targets) {
+    first_point.push_back(static_cast<int>(all.points.size()));
+    all.name += (all.name.empty() ? "" : " and ") + target.name;
+    all.points.insert(all.points.end(), target.points.begin(), target.points.end());
+    all.is_planar = all.is_planar && target.is_planar;
+  }
+  return all;
+}
+
+}  // namespace
+
 MonoData mono_data(const Dataset& data, int cam) {
   MonoData mono;
-  mono.data = {data.target, {data.cameras[cam]}, data.frames, {}, data.detector};
+  std::vector<int> first_point;
+  const int n_targets = static_cast<int>(data.targets.size());
+  mono.data = {{joined(data.targets, first_point)}, {data.cameras[cam]}, {}, {}, data.detector};
+  for (const std::string& frame : data.frames)
+    mono.data.frames.insert(mono.data.frames.end(), n_targets, frame);
   for (std::size_t v = 0; v < data.views.size(); ++v) {
     if (data.views[v].cam != cam) continue;
-    mono.data.views.push_back(data.views[v]);
-    mono.data.views.back().cam = 0;
+    View view = data.views[v];
+    view.cam = 0;
+    view.frame = view.frame * n_targets + view.target;
+    for (Corner& c : view.corners) c.point += first_point[view.target];
+    view.target = 0;
+    mono.data.views.push_back(std::move(view));
     mono.view_index.push_back(static_cast<int>(v));
   }
   return mono;
@@ -27,6 +56,7 @@ Calibration empty_calibration(const Dataset& data, const std::vector<Lens>& lens
     cal.rig.T_cam_rig.emplace_back();
   }
   cal.T_rig_board.resize(data.frames.size());
+  cal.T_board0_board.resize(data.targets.size());
   cal.fits.resize(data.views.size());
   cal.view_reason.resize(data.views.size());
   return cal;
@@ -120,9 +150,9 @@ void pose_views(Calibration& cal) {
     const View& view = cal.data.views[v];
     if (view.corners.size() < 4) continue;
     std::optional<SE3>& pose = cal.T_rig_board[view.frame];
-    const auto fresh = find_pose(lens, cal.data.target, view);
-    if (fresh && (!pose || rms(errors_px(lens, *fresh, cal.data.target, view, lost)) <
-                               rms(errors_px(lens, *pose, cal.data.target, view, lost)))) {
+    const auto fresh = find_pose(lens, cal.data.targets[0], view);
+    if (fresh && (!pose || rms(errors_px(lens, *fresh, cal.data.targets[0], view, lost)) <
+                               rms(errors_px(lens, *pose, cal.data.targets[0], view, lost)))) {
       pose = fresh;
     }
     cal.fits[v].assign(pose ? view.corners.size() : 0, CornerFit{});
@@ -139,7 +169,8 @@ double score_px(const Calibration& cal) {
     const View& view = cal.data.views[v];
     if (view.corners.empty()) continue;
     const auto& pose = cal.T_rig_board[view.frame];
-    const double e = pose ? rms(errors_px(cal.rig.cameras[0].lens, *pose, cal.data.target, view, cap)) : cap;
+    const double e =
+        pose ? rms(errors_px(cal.rig.cameras[0].lens, *pose, cal.data.targets[0], view, cap)) : cap;
     sum += e * e;
     ++n;
   }

@@ -68,7 +68,7 @@ double widest_angle(const Calibration& cal) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
     for (const Corner& c : view.corners) {
-      const Vec3 p = *cal.T_rig_board[view.frame] * cal.data.target.points[c.point];
+      const Vec3 p = *cal.T_rig_board[view.frame] * cal.data.targets[view.target].points[c.point];
       widest = std::max(widest, std::atan2(p.head<2>().norm(), p.z()));
     }
   }

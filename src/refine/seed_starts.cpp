@@ -38,7 +38,7 @@ void add_zhang(std::vector<Lens>& list, const Dataset& subset, const std::string
   for (const View& view : subset.views) {
     std::vector<Vec2> board, px;
     for (const Corner& c : view.corners) {
-      board.push_back(subset.target.points[c.point].head<2>());
+      board.push_back(subset.targets[0].points[c.point].head<2>());
       px.push_back(c.px);
     }
     if (board.size() < 4) continue;
@@ -60,7 +60,7 @@ void add_dlt(std::vector<Lens>& list, const Dataset& subset, const std::string& 
     std::vector<Vec3> p_world;
     std::vector<Vec2> px;
     for (const Corner& c : view.corners) {
-      p_world.push_back(subset.target.points[c.point]);
+      p_world.push_back(subset.targets[0].points[c.point]);
       px.push_back(c.px);
     }
     if (p_world.size() < 6) continue;
@@ -91,9 +91,9 @@ bool points_lie_at_z0(const Target& target) {
 std::vector<Lens> starting_lenses(const Dataset& subset, const std::string& lens_name, Start start,
                                   bool centre_held) {
   std::vector<Lens> list;
-  const bool dlt = start == Start::kDlt || (start == Start::kAuto && !subset.target.is_planar);
+  const bool dlt = start == Start::kDlt || (start == Start::kAuto && !subset.targets[0].is_planar);
   if (dlt) add_dlt(list, subset, lens_name, centre_held);
-  if (points_lie_at_z0(subset.target) && !dlt) add_zhang(list, subset, lens_name, centre_held);
+  if (points_lie_at_z0(subset.targets[0]) && !dlt) add_zhang(list, subset, lens_name, centre_held);
   add_scan(list, lens_name, subset.cameras[0].size);
   return list;
 }

@@ -29,13 +29,14 @@ std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, 
   for (std::size_t i = 0; i < view.corners.size(); ++i) {
     if (cal.fits[v][i].outlier) continue;
     const Corner& c = view.corners[i];
-    list.push_back({cal.data.target.points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
+    list.push_back({cal.data.targets[view.target].points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
   }
   return list;
 }
 
 Offsets offsets_of(const Rig& rig) {
   Offsets o;
+  o.board.push_back(-1);
   for (const Camera& camera : rig.cameras) {
     o.lens.push_back(o.total);
     o.total += n_params(camera.lens);
@@ -44,6 +45,12 @@ Offsets offsets_of(const Rig& rig) {
     o.pose.push_back(i == 0 ? -1 : o.total);
     if (i > 0) o.total += 6;
   }
+  return o;
+}
+
+Offsets offsets_of(const Calibration& cal) {
+  Offsets o = offsets_of(cal.rig);
+  for (std::size_t i = 1; i < cal.data.targets.size(); ++i, o.total += 6) o.board.push_back(o.total);
   return o;
 }
 
@@ -99,6 +106,9 @@ bool all_finite(const Calibration& cal) {
   for (const SE3& T : cal.rig.T_cam_rig) {
     if (!finite(T.qt)) return false;
   }
+  for (const SE3& T : cal.T_board0_board) {
+    if (!finite(T.qt)) return false;
+  }
   return true;
 }
 
@@ -115,6 +125,7 @@ class Blocks {
   explicit Blocks(const Calibration& cal) {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
+    for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -125,6 +136,7 @@ class Blocks {
   double* lens(int cam) { return &values_[lens_[cam]]; }
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+  double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
 
   void write_to(Calibration& cal) const {
     for (std::size_t i = 0; i < lens_.size(); ++i) {
@@ -132,6 +144,8 @@ class Blocks {
       std::copy_n(&values_[lens_[i]], k.size(), k.begin());
       std::copy_n(&values_[T_cam_rig_[i]], 7, cal.rig.T_cam_rig[i].qt.begin());
     }
+    for (std::size_t i = 0; i < T_board0_board_.size(); ++i)
+      std::copy_n(&values_[T_board0_board_[i]], 7, cal.T_board0_board[i].qt.begin());
     for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
       if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
     }
@@ -143,7 +157,7 @@ class Blocks {
     values_.insert(values_.end(), block.begin(), block.end());
   }
   std::vector<double> values_;
-  std::vector<std::size_t> lens_, T_cam_rig_, T_rig_board_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
 };
 
 void add_priors(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
@@ -158,34 +172,41 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
-  const Offsets offsets = offsets_of(cal.rig);
-  std::vector<bool> lens_seen(cal.rig.cameras.size(), false);
+  const Offsets offsets = offsets_of(cal);
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
   std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
   std::vector<std::shared_ptr<Lens>> scratch;
   for (const Camera& camera : cal.rig.cameras) scratch.push_back(std::make_shared<Lens>(camera.lens));
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
-    const int cam = cal.data.views[v].cam;
+    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     const Lens& lens = cal.rig.cameras[cam].lens;
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
+    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
+    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
     n_residuals[cam] += 2 * static_cast<int>(observations.size());
     const auto add = [&](std::unique_ptr<ceres::CostFunction> cost) {
-      problem.AddResidualBlock(cost.release(), nullptr, k, T_cam_rig, T_rig_board);
+      problem.AddResidualBlock(cost.release(), nullptr, parameters);
     };
     if (is_sparse(lens)) {
       for (const Observation& o : observations)
-        add(make_sparse_cost(scratch[cam], {o}, spec.loss, spec.loss_scale));
+        add(make_sparse_cost(scratch[cam], {o}, spec.loss, spec.loss_scale, target > 0));
     } else {
-      add(make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale));
+      add(make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0));
     }
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
     ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    if (target > 0 && !board_seen[target]) {
+      board_seen[target] = true;
+      hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
+      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
+    }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
     hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
@@ -259,8 +280,8 @@ void hold_cores(const Rig& rig, std::vector<bool>& held) {
   }
 }
 
-Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed) {
-  const std::vector<std::string> names = shared_parameter_names(rig);
+Result<std::vector<bool>> held_mask(const Calibration& cal, const std::vector<std::string>& fixed) {
+  const std::vector<std::string> names = shared_parameter_names(cal);
   std::vector<bool> held(names.size(), false);
   for (const std::string& wanted : fixed) {
     bool found = false;

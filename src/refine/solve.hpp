@@ -45,12 +45,14 @@ bool takes_part(const Calibration& calibration, std::size_t view);
 /// The corners of a view that take part; none when the view does not.
 std::vector<Observation> observations_of(const Calibration& calibration, std::size_t view, bool use_sigma);
 
-/// Where the shared parameters of each camera start in shared_parameter_names(); pose[0] = -1: camera 0 has
-/// none.
+/// Where the shared parameters of each camera and each board start in shared_parameter_names(); pose[0] = -1
+/// and board[0] = -1: camera 0 and the first board have none.
 struct Offsets {
-  std::vector<int> lens, pose;
+  std::vector<int> lens, pose, board;
   int total = 0;
 };
+Offsets offsets_of(const Calibration& calibration);
+/// The same for a calibration of one board.
 Offsets offsets_of(const Rig& rig);
 
 /// Residuals of all corners of all views that take part. A corner that the lens does not project is marked as
@@ -75,6 +77,6 @@ SharedCovariance shared_covariance(const Calibration& calibration, const SolveSp
 void hold_cores(const Rig& rig, std::vector<bool>& held);
 
 /// Which shared parameters `fixed` names. kInvalidData lists the names there are.
-Result<std::vector<bool>> held_mask(const Rig& rig, const std::vector<std::string>& fixed);
+Result<std::vector<bool>> held_mask(const Calibration& calibration, const std::vector<std::string>& fixed);
 
 }  // namespace plumbline::detail

@@ -28,25 +28,29 @@ void write_pose(double* out, const Vec3& j, const Vec3& v) {
 class SparseCost final : public ceres::CostFunction {
  public:
   SparseCost(std::shared_ptr<Lens> scratch, std::vector<Observation> observations, Loss loss,
-             double loss_scale)
+             double loss_scale, bool further_board)
       : lens_(std::move(scratch)),
         observations_(std::move(observations)),
         loss_(loss),
-        loss_scale_(loss_scale) {
+        loss_scale_(loss_scale),
+        further_board_(further_board) {
     set_num_residuals(static_cast<int>(2 * observations_.size()));
     *mutable_parameter_block_sizes() = {n_params(*lens_), 7, 7};
+    if (further_board) mutable_parameter_block_sizes()->push_back(7);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
     const std::span<double> k = params(*lens_);
     std::copy_n(blocks[0], k.size(), k.begin());
     const SE3 T_cam_rig = pose_of(blocks[1]), T_rig_board = pose_of(blocks[2]);
-    const Mat3 R_cam_rig = T_cam_rig.R(), R_rig_board = T_rig_board.R();
+    const SE3 T_board0_board = further_board_ ? pose_of(blocks[3]) : SE3();
+    const Mat3 R_cam_rig = T_cam_rig.R(), R_rig_board = T_rig_board.R(), R_further = T_board0_board.R();
     if (jacobians && jacobians[0])
       std::fill_n(jacobians[0], static_cast<std::size_t>(num_residuals()) * k.size(), 0.0);
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       const Observation& o = observations_[i];
-      const Vec3 turned_board = R_rig_board * o.p_board;
+      const Vec3 turned_further = R_further * o.p_board;
+      const Vec3 turned_board = R_rig_board * (turned_further + T_board0_board.t());
       const Vec3 turned_rig = R_cam_rig * (turned_board + T_rig_board.t());
       Mat23 J_px_p;
       SparseJac J_px_k;
@@ -59,7 +63,7 @@ class SparseCost final : public ceres::CostFunction {
       residuals[2 * i + 1] = scaling.f * r.y();
       if (!jacobians) continue;
       const Mat2 J_r_px = o.weight * (scaling.f * Mat2::Identity() + 2 * scaling.f_s * r * r.transpose());
-      const Mat23 J_r_p = J_r_px * J_px_p, J_r_rig = J_r_p * R_cam_rig;
+      const Mat23 J_r_p = J_r_px * J_px_p, J_r_rig = J_r_p * R_cam_rig, J_r_board0 = J_r_rig * R_rig_board;
       for (std::size_t axis = 0; axis < 2; ++axis) {
         const std::size_t row = 2 * i + axis;
         const auto a = static_cast<Eigen::Index>(axis);
@@ -68,6 +72,8 @@ class SparseCost final : public ceres::CostFunction {
               J_r_px.row(a) * J_px_k.J[e];
         if (jacobians[1]) write_pose(jacobians[1] + 7 * row, J_r_p.row(a), turned_rig);
         if (jacobians[2]) write_pose(jacobians[2] + 7 * row, J_r_rig.row(a), turned_board);
+        if (further_board_ && jacobians[3])
+          write_pose(jacobians[3] + 7 * row, J_r_board0.row(a), turned_further);
       }
     }
     return true;
@@ -78,6 +84,7 @@ class SparseCost final : public ceres::CostFunction {
   std::vector<Observation> observations_;
   Loss loss_;
   double loss_scale_;
+  bool further_board_;
 };
 
 class PriorCost final : public ceres::CostFunction {
@@ -105,8 +112,9 @@ class PriorCost final : public ceres::CostFunction {
 
 std::unique_ptr<ceres::CostFunction> make_sparse_cost(std::shared_ptr<Lens> scratch,
                                                       std::vector<Observation> observations, Loss loss,
-                                                      double loss_scale) {
-  return std::make_unique<SparseCost>(std::move(scratch), std::move(observations), loss, loss_scale);
+                                                      double loss_scale, bool further_board) {
+  return std::make_unique<SparseCost>(std::move(scratch), std::move(observations), loss, loss_scale,
+                                      further_board);
 }
 
 std::unique_ptr<ceres::CostFunction> make_prior_cost(const PriorRow& row, int n_params, double scale) {

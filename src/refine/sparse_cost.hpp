@@ -14,7 +14,7 @@ namespace plumbline::detail {
 /// evaluated by two threads at a time
 std::unique_ptr<ceres::CostFunction> make_sparse_cost(std::shared_ptr<Lens> scratch,
                                                       std::vector<Observation> observations, Loss loss,
-                                                      double loss_scale);
+                                                      double loss_scale, bool further_board = false);
 
 /// scale * (row's sum) over the block of the lens' parameters.
 std::unique_ptr<ceres::CostFunction> make_prior_cost(const PriorRow& row, int n_params, double scale);

@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "refine/view_kernel_sets.hpp"
 
 namespace plumbline::detail {
-namespace {
 
 const KernelSet& best_kernels() {
 #ifdef PLUMBLINE_X86_KERNELS
@@ -17,27 +17,36 @@ const KernelSet& best_kernels() {
   return kBaselineKernels;
 }
 
+const char* kernel_name() { return best_kernels().name; }
+
+namespace {
+
 // A lens' domain is a cone about its axis, so the corner farthest from the axis speaks for all.
-bool in_domain(const Lens& lens, double farthest) {
-  const double cosine = std::copysign(std::sqrt(std::abs(farthest)), farthest);
+bool in_domain(const Lens& lens, const KernelAnswer& answer) {
+  const double square = answer.far_z / answer.far_nn;
+  const double cosine = std::copysign(std::sqrt(std::abs(square)), square);
   return project(lens, Vec3(std::sqrt(std::max(0.0, 1 - cosine * cosine)), 0, cosine)).has_value();
 }
 
 }  // namespace
 
-const char* kernel_name() { return best_kernels().name; }
-
-ViewCorners view_corners(const std::vector<Observation>& observations) {
+ViewCorners view_corners(const std::vector<Observation>& observations, const ViewCorners* like) {
   ViewCorners corners;
   corners.n = static_cast<int>(observations.size());
-  const int n = corners.n_padded();
-  corners.columns.resize(static_cast<std::size_t>(6 * n));
-  for (int i = 0; i < n; ++i) {
-    const Observation& o = observations[static_cast<std::size_t>(std::min(i, corners.n - 1))];
-    const double values[] = {o.p_board.x(), o.p_board.y(), o.p_board.z(),
-                             o.px.x(),      o.px.y(),      i < corners.n ? o.weight : 0.0};
-    for (int c = 0; c < 6; ++c) corners.columns[static_cast<std::size_t>(c * n + i)] = values[c];
+  const auto n = static_cast<std::size_t>(corners.n_padded());
+  std::vector<double> points(4 * n);
+  corners.px.resize(2 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Observation& o = observations[std::min(i, observations.size() - 1)];
+    for (std::size_t c = 0; c < 3; ++c) points[c * n + i] = o.p_board[static_cast<Eigen::Index>(c)];
+    points[3 * n + i] = i < observations.size() ? o.weight : 0.0;
+    corners.px[i] = o.px.x();
+    corners.px[n + i] = o.px.y();
   }
+  if (like && like->n == corners.n && *like->points == points)
+    corners.points = like->points;
+  else
+    corners.points = std::make_shared<const std::vector<double>>(std::move(points));
   return corners;
 }
 
@@ -50,62 +59,50 @@ struct Numbers {
   RowMajor3 R;
   Vec3 t;
   explicit Numbers(const SE3& T) : R(T.R()), t(T.t()) {}
+  KernelState with(const Lens& lens) const { return {params(lens).data(), R.data(), t.data()}; }
 };
 
-std::optional<double> run(const ViewQuestion& question, double* gram, double* s, const Lens* other,
-                          const SE3* other_T, double* second) {
-  const Numbers at(question.T_cam_board), at_other(other_T ? *other_T : question.T_cam_board);
-  const ViewCorners& corners = question.corners;
-  double farthest = 1;
-  const KernelInput in{params(question.lens).data(),
-                       at.R.data(),
-                       at.t.data(),
-                       corners.columns.data(),
-                       corners.n_padded(),
-                       static_cast<int>(question.loss),
-                       question.loss_scale,
-                       &farthest,
-                       params(other ? *other : question.lens).data(),
-                       at_other.R.data(),
-                       at_other.t.data()};
-  const double cost = best_kernels().functions[question.lens.index()](in, gram, s, second);
-  if (!std::isfinite(cost) || !in_domain(question.lens, farthest)) return std::nullopt;
-  return cost;
+KernelInput input_of(const ViewQuestion& q, const KernelState& at, const KernelState& second) {
+  return {at,
+          second,
+          q.corners.points->data(),
+          q.corners.px.data(),
+          q.corners.n_padded(),
+          static_cast<int>(q.loss),
+          q.loss_scale};
 }
 
-std::size_t triangle(int n) { return static_cast<std::size_t>(n * (n + 1) / 2); }
+bool usable(const Lens& lens, const KernelAnswer& answer) {
+  return std::isfinite(answer.cost) && in_domain(lens, answer);
+}
 
 }  // namespace
 
-std::optional<double> accumulate_view(const ViewQuestion& question, MatX* gram) {
-  const int n = n_params(question.lens) + 7;
-  std::vector<double> lower(gram ? triangle(n) : 0), s;
+std::optional<double> accumulate_view(const ViewQuestion& question, Gram* gram) {
+  std::vector<double> s;
   if (question.loss == Loss::kCauchy) s.resize(static_cast<std::size_t>(question.corners.n_padded()));
-  std::optional<double> cost =
-      run(question, gram ? lower.data() : nullptr, s.empty() ? nullptr : s.data(), nullptr, nullptr, nullptr);
-  if (!cost) return std::nullopt;
-  for (int i = 0; i < question.corners.n && !s.empty(); ++i) {
-    *cost += 0.5 * rho(question.loss, question.loss_scale, s[static_cast<std::size_t>(i)]).value;
-  }
-  if (gram) {
-    gram->resize(n, n);
-    for (int i = 0; i < n; ++i) {
-      for (int j = 0; j <= i; ++j)
-        (*gram)(i, j) = (*gram)(j, i) = lower[triangle(i) + static_cast<std::size_t>(j)];
-    }
-  }
+  const Numbers at(question.T_cam_board);
+  const KernelInput in = input_of(question, at.with(question.lens), {});
+  const KernelAnswer answer = best_kernels().functions[question.lens.index()](
+      in, gram ? gram->lower : nullptr, s.empty() ? nullptr : s.data(), nullptr);
+  double cost = answer.cost;
+  for (int i = 0; i < question.corners.n && !s.empty(); ++i)
+    cost += 0.5 * rho(question.loss, question.loss_scale, s[static_cast<std::size_t>(i)]).value;
+  if (!usable(question.lens, answer) || !std::isfinite(cost)) return std::nullopt;
   return cost;
 }
 
 std::optional<VecX> accumulate_second(const ViewQuestion& question, const Lens& other_lens,
                                       const SE3& other_T_cam_board) {
   if (!accumulate_view({other_lens, other_T_cam_board, question.corners}, nullptr)) return std::nullopt;
-  const int n = n_params(question.lens);
-  std::vector<double> lower(triangle(n + 7));
-  VecX second(n + 6);
-  if (!run(question, lower.data(), nullptr, &other_lens, &other_T_cam_board, second.data()))
-    return std::nullopt;
-  return second;
+  const Numbers at(question.T_cam_board), second(other_T_cam_board);
+  const KernelInput in = input_of(question, at.with(question.lens), second.with(other_lens));
+  Gram gram;
+  VecX products(n_params(question.lens) + 6);
+  const KernelAnswer answer =
+      best_kernels().functions[question.lens.index()](in, gram.lower, nullptr, products.data());
+  if (!usable(question.lens, answer)) return std::nullopt;
+  return products;
 }
 
 }  // namespace plumbline::detail

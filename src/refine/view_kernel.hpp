@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -16,12 +17,16 @@ namespace plumbline::detail {
 /// The corners of one view in columns, padded with corners of weight 0 to a multiple of kPad.
 struct ViewCorners {
   static constexpr int kPad = 8;
-  int n = 0;                    ///< without the padding
-  std::vector<double> columns;  ///< X, Y, Z [m, board]; u, v [px]; weight: six columns of n_padded() numbers
+  int n = 0;  ///< without the padding
+  /// X, Y, Z [m, board], weight: four columns of n_padded() numbers. Views that see the same points share
+  /// them.
+  std::shared_ptr<const std::vector<double>> points;
+  std::vector<double> px;  ///< u, v [px]: two such columns
   int n_padded() const { return (n + kPad - 1) / kPad * kPad; }
-  const double* column(int i) const { return columns.data() + static_cast<std::ptrdiff_t>(i) * n_padded(); }
 };
-ViewCorners view_corners(const std::vector<Observation>& observations);
+
+/// \param like  corners of another view, whose points are shared when they are the same; may be null
+ViewCorners view_corners(const std::vector<Observation>& observations, const ViewCorners* like = nullptr);
 
 /// What one view asks of the kernel.
 struct ViewQuestion {
@@ -32,19 +37,26 @@ struct ViewQuestion {
   double loss_scale = 1;
 };
 
+/// The lower triangle, row by row, of a symmetric matrix that holds the largest gram there is.
+struct Gram {
+  static constexpr int kMost = kMaxLensParams + 7;
+  double lower[kMost * (kMost + 1) / 2];
+  double operator()(int i, int j) const { return lower[i * (i + 1) / 2 + j]; }  ///< \pre i >= j
+};
+
 /// Sum over the corners of rho' J'J, J of size 2 x (n_params + 7), columns [lens parameters | dw dt |
 /// residual], where [dw (rad) | dt (m)] moves the board in the CAMERA's frame: R <- exp(dw) R, t <- t + dt
-/// for T_cam_board. rho' is the derivative of the loss (iterated re-weighting). `gram` is symmetric. `cost`
-/// is half the sum of rho, or nullopt when a corner lies outside the lens' domain; `gram` then means nothing.
-/// With gram == nullptr only the cost.
-std::optional<double> accumulate_view(const ViewQuestion& question, MatX* gram);
+/// for T_cam_board. rho' is the derivative of the loss (iterated re-weighting). Returns half the sum of rho,
+/// or nullopt when a corner lies outside the lens' domain or a number is not finite; `gram` then means
+/// nothing. With gram == nullptr only the cost.
+std::optional<double> accumulate_view(const ViewQuestion& question, Gram* gram);
 
 /// J' W r of the same columns (n_params + 6), with derivatives J and weights W = rho' of the question's state
 /// and residuals r of another one; nullopt when a corner lies outside a lens' domain.
 std::optional<VecX> accumulate_second(const ViewQuestion& question, const Lens& other_lens,
                                       const SE3& other_T_cam_board);
 
-/// "avx512", "avx2" or "baseline": the instruction set that accumulate_view() uses here.
+/// "avx512", "avx2" or "baseline": the instruction set that is used here.
 const char* kernel_name();
 
 }  // namespace plumbline::detail

@@ -30,7 +30,6 @@ constexpr double kUselessFocal = 0.10;
 constexpr double kWeakSpreadDeg = 10.0;
 // A central perspective that sees boards only head-on: focal length and distance cannot be told apart.
 constexpr double kHeadOnDeg = 2.0;
-constexpr double kWeakBaseline = 0.05, kWeakTurnDeg = 0.5;
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // How the boards that one camera saw were tilted.
@@ -45,7 +44,7 @@ Tilts tilts_of(const Calibration& cal, int cam) {
   Tilts tilts;
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (cal.data.views[v].cam != cam || !takes_part(cal, v)) continue;
-    normals.push_back((cal.rig.T_cam_rig[cam] * *cal.T_rig_board[cal.data.views[v].frame]).R().col(2));
+    normals.push_back((cal.rig.T_cam_rig[cam] * *board_pose(cal, cal.data.views[v])).R().col(2));
     // atan2 of the cross product: acos loses half the digits near zero
     const Vec3& n = normals.back();
     tilts.largest_deg =
@@ -60,23 +59,12 @@ Tilts tilts_of(const Calibration& cal, int cam) {
   return tilts;
 }
 
-constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
-
-// "left fx (+0.71), left fy (+0.70)", largest share first, without shares under a fifth.
-std::pair<std::string, int> describe(const VecX& direction, const std::vector<std::string>& names,
-                                     int first_name) {
-  std::vector<int> order(direction.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
-  const double sign = direction[order[0]] < 0 ? -1 : 1;
-  std::vector<std::string> pieces;
-  for (int i : order) {
-    if (std::abs(direction[i]) < 0.2) break;
-    pieces.push_back(fmt::format("{} ({:+.2f})", names[first_name + i], sign * direction[i]));
-  }
-  return {join(pieces, ", "), order[0]};
+bool all_planar(const Calibration& cal) {
+  return std::all_of(cal.data.targets.begin(), cal.data.targets.end(),
+                     [](const Target& target) { return target.is_planar; });
 }
+
+constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
 
 // Directions of (fx, fy, cx, cy) in units of the focal lengths and the image's width.
 void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset,
@@ -88,11 +76,11 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   const SymEigen eigen =
       sym_eigen(scale.asDiagonal() * covariance.block(offset, offset, 4, 4) * scale.asDiagonal());
   const Tilts tilts = tilts_of(cal, cam);
-  const bool all_alike = cal.data.target.is_planar && tilts.spread_deg < kWeakSpreadDeg;
+  const bool all_alike = all_planar(cal) && tilts.spread_deg < kWeakSpreadDeg;
   for (int i = 3; i >= 0; --i) {
     const VecX direction = eigen.vectors.col(i);
     const double sigma = std::sqrt(std::max(0.0, eigen.values[i]));
-    const auto [text, first] = describe(direction, names, offset);
+    const auto [text, first] = describe_direction(direction, names, offset);
     const double bound = first < 2 ? kWeakFocal : kWeakCentre;
     if (!(sigma > bound) && !(all_alike && i == 3)) continue;
     WeakDirection weak;
@@ -113,35 +101,13 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   }
 }
 
-void add_weak_pose(Calibration& cal, const MatX& covariance, int cam, int offset,
-                   const std::vector<std::string>& names) {
-  const double baseline_m = std::max(cal.rig.T_cam_rig[cam].t().norm(), 1e-12);
-  const SymEigen turn = sym_eigen(covariance.block(offset, offset, 3, 3));
-  const SymEigen shift = sym_eigen(covariance.block(offset + 3, offset + 3, 3, 3));
-  const double turn_deg = kDegPerRad * std::sqrt(std::max(0.0, turn.values[2]));
-  const double shift_m = std::sqrt(std::max(0.0, shift.values[2]));
-  const char* next = "add frames in which both cameras see the board, near and far";
-  if (turn_deg > kWeakTurnDeg) {
-    cal.stats.weak.push_back({describe(turn.vectors.col(2), names, offset).first, turn_deg / kDegPerRad,
-                              fmt::format("the rotation of camera {} is known to +-{:.2g} degrees only; {}",
-                                          cal.rig.cameras[cam].name, turn_deg, next)});
-  }
-  if (shift_m > kWeakBaseline * baseline_m) {
-    cal.stats.weak.push_back(
-        {describe(shift.vectors.col(2), names, offset + 3).first, shift_m,
-         fmt::format("the position of camera {} is known to +-{:.2g} m only ({:.0f} % of the "
-                     "baseline); {}",
-                     cal.rig.cameras[cam].name, shift_m, 100 * shift_m / baseline_m, next)});
-  }
-}
-
 // A held focal length has no variance and cannot be refused.
 Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset) {
   const Camera& camera = cal.rig.cameras[cam];
   const double fx = params(camera.lens)[0], sigma = std::sqrt(covariance(offset, offset));
   const Tilts tilts = tilts_of(cal, cam);
-  const bool head_on = cal.data.target.is_planar && is_central_perspective(camera.lens) &&
-                       tilts.largest_deg < kHeadOnDeg && sigma > 0;
+  const bool head_on =
+      all_planar(cal) && is_central_perspective(camera.lens) && tilts.largest_deg < kHeadOnDeg && sigma > 0;
   if (!(sigma > kUselessFocal * fx) && !head_on) return {};
   return Error{
       ErrorCode::kDegenerate,
@@ -154,13 +120,28 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
 
 }  // namespace
 
+std::pair<std::string, int> describe_direction(const VecX& direction, const std::vector<std::string>& names,
+                                               int first_name) {
+  std::vector<int> order(direction.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
+  const double sign = direction[order[0]] < 0 ? -1 : 1;
+  std::vector<std::string> pieces;
+  for (int i : order) {
+    if (std::abs(direction[i]) < 0.2) break;
+    pieces.push_back(fmt::format("{} ({:+.2f})", names[first_name + i], sign * direction[i]));
+  }
+  return {join(pieces, ", "), order[0]};
+}
+
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
   // Thousands of parameters of which no one means anything: neither a covariance nor weak directions.
   cal.covariance.reset();
   for (const Camera& camera : cal.rig.cameras) {
     if (is_sparse(camera.lens)) return {};
   }
-  const std::vector<std::string> names = shared_parameter_names(cal.rig);
+  const std::vector<std::string> names = shared_parameter_names(cal);
   const SharedCovariance c = shared_covariance(cal, spec);
   cal.covariance = c.variance * c.unit_covariance;
   const MatX judged = std::max(c.variance, kSmallestNoisePx * kSmallestNoisePx) * c.unit_covariance;
@@ -171,11 +152,11 @@ Status judge_determination(Calibration& cal, const SolveSpec& spec) {
     add_weak_lens(cal, judged, cam, offset, names);
     offset += n_params(cal.rig.cameras[cam].lens);
   }
-  for (int cam = 1; cam < n_cams; ++cam, offset += 6) add_weak_pose(cal, judged, cam, offset, names);
+  add_weak_rig(cal, judged, names);
   if (c.null_direction.size() > 0) {
     // Terms of a lens with more terms than the views can tell apart: harmless for the pixels that the boards
     // covered.
-    const auto [text, first] = describe(c.null_direction, names, 0);
+    const auto [text, first] = describe_direction(c.null_direction, names, 0);
     cal.stats.weak.push_back(
         {text, std::sqrt(judged(first, first)),
          "these can change together without changing any residual, and mean nothing one by one; "

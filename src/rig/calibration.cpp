@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -12,9 +13,20 @@ namespace plumbline {
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point) {
   const std::optional<SE3>& T_rig_board = calibration.T_rig_board[view.frame];
   if (!T_rig_board) return std::nullopt;
-  const Vec3 p_cam =
-      calibration.rig.T_cam_rig[view.cam] * (*T_rig_board * calibration.data.target.points[point]);
+  Vec3 p_board0 = calibration.data.targets[view.target].points[point];
+  if (view.target > 0) p_board0 = calibration.T_board0_board[view.target] * p_board0;
+  const Vec3 p_cam = calibration.rig.T_cam_rig[view.cam] * (*T_rig_board * p_board0);
   return project(calibration.rig.cameras[view.cam].lens, p_cam);
+}
+
+std::optional<SE3> board_pose(const Calibration& calibration, const View& view) {
+  const std::optional<SE3>& T_rig_board = calibration.T_rig_board[view.frame];
+  if (!T_rig_board || view.target == 0) return T_rig_board;
+  return *T_rig_board * calibration.T_board0_board[view.target];
+}
+
+namespace {
+constexpr std::array kStepNames{"r_x", "r_y", "r_z", "t_x", "t_y", "t_z"};
 }
 
 std::vector<std::string> shared_parameter_names(const Rig& rig) {
@@ -24,9 +36,15 @@ std::vector<std::string> shared_parameter_names(const Rig& rig) {
       names.push_back(fmt::format("{} {}", camera.name, name));
   }
   for (std::size_t i = 1; i < rig.cameras.size(); ++i) {
-    for (const char* name : {"r_x", "r_y", "r_z", "t_x", "t_y", "t_z"}) {
-      names.push_back(rig.cameras[i].name + " " + name);
-    }
+    for (const char* name : kStepNames) names.push_back(rig.cameras[i].name + " " + name);
+  }
+  return names;
+}
+
+std::vector<std::string> shared_parameter_names(const Calibration& calibration) {
+  std::vector<std::string> names = shared_parameter_names(calibration.rig);
+  for (std::size_t i = 1; i < calibration.data.targets.size(); ++i) {
+    for (const char* name : kStepNames) names.push_back(calibration.data.targets[i].name + " " + name);
   }
   return names;
 }
@@ -74,6 +92,7 @@ std::string corners_hash(const Dataset& data) {
   for (const View& view : data.views) {
     add_number(view.cam);
     add_number(view.frame);
+    if (view.target > 0) add_number(view.target);
     for (const Corner& c : view.corners) {
       add_number(c.point);
       add_number(c.px.x());

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <set>
+#include <tuple>
 
 namespace plumbline {
 namespace {
@@ -14,11 +15,15 @@ std::optional<std::string> fault_of(const View& view, const Dataset& data) {
   if (view.cam < 0 || view.cam >= n_cams) return fmt::format("camera index {} of {}", view.cam, n_cams);
   if (view.frame < 0 || view.frame >= n_frames)
     return fmt::format("frame index {} of {}", view.frame, n_frames);
+  const int n_targets = static_cast<int>(data.targets.size());
+  if (view.target < 0 || view.target >= n_targets)
+    return fmt::format("target index {} of {}", view.target, n_targets);
+  const std::size_t n_points = data.targets[view.target].points.size();
   const ImageSize size = data.cameras[view.cam].size;
   int previous = -1;
   for (const Corner& c : view.corners) {
-    if (c.point < 0 || c.point >= static_cast<int>(data.target.points.size())) {
-      return fmt::format("point {} of a target with {} points", c.point, data.target.points.size());
+    if (c.point < 0 || c.point >= static_cast<int>(n_points)) {
+      return fmt::format("point {} of a target with {} points", c.point, n_points);
     }
     if (c.point <= previous) return fmt::format("point {} is out of order or there twice", c.point);
     previous = c.point;
@@ -51,10 +56,17 @@ Status validate(const Dataset& data) {
     }
     if (!names.insert(camera.name).second) return bad("two cameras have this name", "camera " + camera.name);
   }
-  std::set<std::pair<int, int>> seen;
+  if (data.targets.empty()) return bad("the data set has no target", "");
+  for (std::size_t i = 0; i < data.targets.size() && data.targets.size() > 1; ++i) {
+    const std::string& name = data.targets[i].name;
+    if (!names.insert(name).second)
+      return bad("two boards, or a board and a camera, have this name; give each a name of its own",
+                 "target " + name);
+  }
+  std::set<std::tuple<int, int, int>> seen;
   for (const View& view : data.views) {
     if (auto fault = fault_of(view, data)) return bad(*std::move(fault), "view " + view.image);
-    if (!seen.insert({view.cam, view.frame}).second) {
+    if (!seen.insert({view.cam, view.frame, view.target}).second) {
       return bad(fmt::format("camera {} has two images for frame {}", data.cameras[view.cam].name,
                              data.frames[view.frame]),
                  "view " + view.image);

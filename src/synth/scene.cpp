@@ -212,7 +212,7 @@ Result<Calibration> simulate(const Target& target, const SceneOptions& o) {
   if (!rig) return rig.error();
   Calibration truth;
   truth.rig = *std::move(rig);
-  truth.data.target = target;
+  truth.data.targets = {target};
   truth.data.detector = "simulated";
   for (const Camera& camera : truth.rig.cameras) truth.data.cameras.push_back({camera.name, camera.size});
 

@@ -203,6 +203,73 @@ Result<Target> make_target(const TargetSpec& spec, std::string name) {
   return target;
 }
 
+namespace {
+
+// Markers of one board: codes first .. last of a family. OpenCV's 4X4_50 holds the first codes of 4X4_1000.
+struct MarkerIds {
+  std::string family;
+  int first = 0, last = 0;
+};
+
+std::vector<MarkerIds> marker_ids(const TargetSpec& spec) {
+  const auto family = [](const std::string& dictionary) {
+    return dictionary.size() > 4 && dictionary[1] == 'X' ? dictionary.substr(0, 3) : dictionary;
+  };
+  if (const auto* c = std::get_if<Charuco>(&spec))
+    return {{family(c->dictionary), c->first_id, c->first_id + c->columns * c->rows / 2 - 1}};
+  if (const auto* a = std::get_if<AprilGrid>(&spec))
+    return {{"APRILTAG_" + a->family, a->first_id, a->first_id + a->columns * a->rows - 1}};
+  std::vector<MarkerIds> all;
+  if (const auto* rig = std::get_if<BoardRig>(&spec)) {
+    for (const BoardPart& part : rig->parts) {
+      for (MarkerIds& ids : marker_ids(part.board)) all.push_back(std::move(ids));
+    }
+  }
+  return all;
+}
+
+// Counts of a board without markers, the larger first: it may be seen from any side.
+std::optional<std::pair<int, int>> counts(const TargetSpec& spec) {
+  const auto sorted = [](int a, int b) { return std::pair(std::max(a, b), std::min(a, b)); };
+  if (const auto* b = std::get_if<Chessboard>(&spec)) return sorted(b->columns, b->rows);
+  if (const auto* b = std::get_if<Circles>(&spec)) return sorted(b->columns, b->rows);
+  return std::nullopt;
+}
+
+Status check_pair(const Target& a, const Target& b) {
+  const auto fail = [&](std::string message) {
+    return Error{ErrorCode::kInvalidData, std::move(message), "targets " + a.name + " and " + b.name};
+  };
+  if (std::holds_alternative<Points3d>(a.spec) || std::holds_alternative<Points3d>(b.spec))
+    return fail("free points cannot be told from other boards in an image");
+  if (a.spec.index() == b.spec.index() && counts(a.spec) && counts(a.spec) == counts(b.spec))
+    return fail(
+        fmt::format("both are {}s of {}x{}, and nothing tells them apart in an image; take boards of "
+                    "different counts, or ChArUco boards or AprilGrids with ids of their own",
+                    target_type(a.spec), counts(a.spec)->first, counts(a.spec)->second));
+  for (const MarkerIds& of_a : marker_ids(a.spec)) {
+    for (const MarkerIds& of_b : marker_ids(b.spec)) {
+      const int first = std::max(of_a.first, of_b.first), last = std::min(of_a.last, of_b.last);
+      if (of_a.family != of_b.family || first > last) continue;
+      return fail(
+          fmt::format("both have the markers {} to {} (ids {} to {} and {} to {} of {}); print one of them "
+                      "with other ids "
+                      "and give it a first_id of its own, {} for example",
+                      first, last, of_a.first, of_a.last, of_b.first, of_b.last, of_a.family, of_a.last + 1));
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Status check_distinct(const std::vector<Target>& targets) {
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    for (std::size_t k = i + 1; k < targets.size(); ++k) PLUMBLINE_TRY(check_pair(targets[i], targets[k]));
+  }
+  return {};
+}
+
 std::string_view target_type(const TargetSpec& spec) {
   return std::visit([](const auto& board) { return board.kType; }, spec);
 }

@@ -41,5 +41,36 @@ TEST(ParallelFor, TheFailureOfTheSmallestIndexComesBackAfterAllHaveRun) {
   }
 }
 
+TEST(WorkersFunction, RunManyLoopsOneAfterTheOther) {
+  for (int n_threads : {0, 1, 2, 5}) {
+    Workers workers(n_threads);
+    std::vector<int> calls(100, 0);
+    for (int loop = 0; loop < 2000; ++loop) workers.run(loop % 101, [&](int i) { ++calls[i]; });
+    for (int i = 0; i < 100; ++i) {
+      int expected = 0;
+      for (int loop = 0; loop < 2000; ++loop) expected += i < loop % 101;
+      ASSERT_EQ(calls[i], expected) << i << " with " << n_threads << " threads";
+    }
+  }
+}
+
+TEST(WorkersFunction, GoOnAfterAFailure) {
+  Workers workers(3);
+  for (int loop = 0; loop < 50; ++loop) {
+    std::atomic<int> ran{0};
+    std::string caught;
+    try {
+      workers.run(40, [&](int i) {
+        ++ran;
+        if (i % 10 == 3) throw std::runtime_error(std::to_string(i));
+      });
+    } catch (const std::runtime_error& e) {
+      caught = e.what();
+    }
+    EXPECT_EQ(caught, "3");
+    EXPECT_EQ(ran, 40);
+  }
+}
+
 }  // namespace
 }  // namespace plumbline

@@ -188,7 +188,7 @@ class ReferenceCorners : public testing::Test {
     const auto images = parse_vnl(read_text(*dir / "corners-fcc.vnl"));
     EXPECT_TRUE(images);
     Dataset data;
-    data.target = *make_target(Chessboard{9, 6, 0.025});
+    data.targets = {*make_target(Chessboard{9, 6, 0.025})};
     for (std::size_t cam = 0; cam < sides.size(); ++cam) {
       data.cameras.push_back({sides[cam], {640, 480}});
       for (const VnlImage& image : *images) {

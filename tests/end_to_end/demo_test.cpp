@@ -51,7 +51,7 @@ class Demo : public ::testing::Test {
       object.emplace_back();
       image.emplace_back();
       for (const Corner& corner : view.corners) {
-        const Vec3& p = c.data.target.points[corner.point];
+        const Vec3& p = c.data.targets[0].points[corner.point];
         object.back().emplace_back(float(p.x()), float(p.y()), float(p.z()));
         image.back().emplace_back(float(corner.px.x()), float(corner.px.y()));
       }

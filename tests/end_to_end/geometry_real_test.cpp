@@ -155,7 +155,7 @@ TEST_P(RealPair, EssentialMatrixAgreesWithTheRig) {
 TEST_P(RealPair, TriangulatedBoardsAreFlatAndSquare) {
   const Json all = answer("triangulate --points " + csv + " --camera " + rig->camera);
   const auto [columns, rows] = [&] {
-    const auto& board = std::get<Chessboard>(rig->calibration.data.target.spec);
+    const auto& board = std::get<Chessboard>(rig->calibration.data.targets[0].spec);
     return std::pair{board.columns, board.rows};
   }();
   const double diagonal = 0.025 * std::hypot(columns - 1, rows - 1);

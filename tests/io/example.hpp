@@ -20,7 +20,7 @@ inline Calibration example_calibration() {
        {752, 480},
        make_lens("kb4", {{400.0 / 3, 401, 320, 240, 0.01, -0.02, 1e-300, -0.0}}).value()});
   c.rig.T_cam_rig = {SE3(), SE3(so3_exp({0.01, -0.02, 0.003}), {-0.1, 1.0 / 3000, 0.002})};
-  c.data.target = make_target(Chessboard{3, 2, 0.025}).value();
+  c.data.targets = {make_target(Chessboard{3, 2, 0.025}).value()};
   c.data.cameras = {{"left", {640, 480}}, {"right eye: 2", {752, 480}}};
   c.data.frames = {"01", "2", "x y"};
   c.data.detector = "chessboard: cornerSubPix";
@@ -50,6 +50,24 @@ inline Calibration example_calibration() {
   const auto n = static_cast<Eigen::Index>(shared_parameter_names(c.rig).size());
   c.covariance = MatX::NullaryExpr(n, n, [&] { return rng.normal(); });
   c.provenance = {"0.1.0", {{"lens", "left=opencv5,right=kb4"}, {"seed", "0"}}, corners_hash(c.data)};
+  return c;
+}
+
+/// The same with a second board that three views show.
+inline Calibration example_of_two_boards() {
+  Calibration c = example_calibration();
+  c.data.targets.push_back(make_target(Charuco{}, "the other: board").value());
+  c.T_board0_board.push_back(SE3(so3_exp({0.4, -0.2, 1.0 / 3}), {0.3, -0.1, 1.0 / 7}));
+  for (std::size_t v : {0, 3, 2}) {
+    View view = c.data.views[v];
+    view.target = 1;
+    c.data.views.push_back(view);
+    c.fits.push_back(c.fits[v]);
+    c.view_reason.push_back(c.view_reason[v]);
+  }
+  Rng rng(8);
+  const auto n = static_cast<Eigen::Index>(shared_parameter_names(c).size());
+  c.covariance = MatX::NullaryExpr(n, n, [&] { return rng.normal(); });
   return c;
 }
 

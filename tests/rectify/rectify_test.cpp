@@ -297,7 +297,7 @@ TEST(RectifyStereo, RefusesWhatHasNoCommonPlane) {
 TEST(VerticalRms, IsZeroForTheTruthAndSeesAShift) {
   Calibration cal;
   cal.rig = rigs()[0].rig;
-  cal.data.target = *make_target(Chessboard{9, 6, 0.025});
+  cal.data.targets = {*make_target(Chessboard{9, 6, 0.025})};
   cal.data.frames = {"0"};
   cal.T_rig_board = {SE3(so3_exp(Vec3(0.2, 0.3, 0.1)), Vec3(-0.1, -0.05, 0.6))};
   for (int cam : {0, 1}) {

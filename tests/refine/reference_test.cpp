@@ -74,7 +74,7 @@ TEST(Reference, ProjectsLikeCalibrateCameraOverTheWholeImage) {
         board.emplace_back();
         px.emplace_back();
         for (const Corner& c : view.corners) {
-          const Vec3& p = data->target.points[c.point];
+          const Vec3& p = data->targets[0].points[c.point];
           board.back().emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()), 0.f);
           px.back().emplace_back(static_cast<float>(c.px.x()), static_cast<float>(c.px.y()));
         }
@@ -95,7 +95,7 @@ TEST(Reference, ProjectsLikeCalibrateCameraOverTheWholeImage) {
 // the board keeps its tilt, and every 30th frame of the long one is a good calibration.
 Dataset read_yac(const std::filesystem::path& dir, std::size_t first, std::size_t count) {
   Dataset data;
-  data.target = *make_target(AprilGrid{.columns = 6, .rows = 6, .tag_m = 0.088, .spacing = 0.3});
+  data.targets = {*make_target(AprilGrid{.columns = 6, .rows = 6, .tag_m = 0.088, .spacing = 0.3})};
   data.cameras = {{"cam0", {752, 480}}};
   std::vector<std::filesystem::path> files;
   for (const auto& entry : std::filesystem::directory_iterator(dir)) files.push_back(entry.path());

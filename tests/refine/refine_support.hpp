@@ -84,7 +84,7 @@ inline Simulation simulate(const Scene& scene) {
   Rng rng(scene.seed);
   Simulation sim;
   Calibration& truth = sim.truth;
-  truth.data.target = *make_target(scene.target);
+  truth.data.targets = {*make_target(scene.target)};
   for (std::size_t i = 0; i < scene.lenses.size(); ++i) {
     const std::string name = "cam" + std::to_string(i);
     truth.data.cameras.push_back({name, scene.size});
@@ -96,14 +96,15 @@ inline Simulation simulate(const Scene& scene) {
   }
   for (int f = 0; f < scene.n_frames; ++f) {
     truth.data.frames.push_back(std::to_string(f));
-    truth.T_rig_board.push_back(random_board_pose(scene, truth.data.target, rng));
+    truth.T_rig_board.push_back(random_board_pose(scene, truth.data.targets[0], rng));
   }
   for (int cam = 0; cam < static_cast<int>(scene.lenses.size()); ++cam) {
     for (int f = 0; f < scene.n_frames; ++f) {
       View view{cam, f, truth.data.cameras[cam].name + "/" + std::to_string(f) + ".png", {}, ""};
       std::vector<Vec3> points;
-      for (int id = 0; id < static_cast<int>(truth.data.target.points.size()); ++id) {
-        const Vec3 p_cam = truth.rig.T_cam_rig[cam] * (*truth.T_rig_board[f] * truth.data.target.points[id]);
+      for (int id = 0; id < static_cast<int>(truth.data.targets[0].points.size()); ++id) {
+        const Vec3 p_cam =
+            truth.rig.T_cam_rig[cam] * (*truth.T_rig_board[f] * truth.data.targets[0].points[id]);
         const auto px = project_by_opencv(scene.lenses[cam], p_cam);
         if (!px || px->x() < 0 || px->y() < 0 || px->x() > scene.size.width - 1 ||
             px->y() > scene.size.height - 1)
@@ -162,7 +163,7 @@ inline Lens example_lens(std::string_view name, double focal = 550) {
 inline Dataset read_vnl(const std::filesystem::path& file, const std::vector<std::string>& prefixes,
                         ImageSize size, const TargetSpec& target) {
   Dataset data;
-  data.target = *make_target(target);
+  data.targets = {*make_target(target)};
   for (const std::string& prefix : prefixes) data.cameras.push_back({prefix, size});
   std::map<std::string, std::vector<Corner>> views;
   std::map<std::string, int> next;

@@ -353,7 +353,7 @@ TEST(Calibrate, RefusesViewsThatDoNotDetermineTheLens) {
                 Vec3(-0.1 + 0.003 * static_cast<double>(v), -0.06, 0.3 + 0.01 * static_cast<double>(v)));
     for (Corner& c : head_on.truth.data.views[v].corners) {
       c.px = *project_by_opencv(head_on.truth.rig.cameras[0].lens,
-                                T * head_on.truth.data.target.points[c.point]);
+                                T * head_on.truth.data.targets[0].points[c.point]);
     }
   }
   for (double noise : {0.0, 0.2}) {
@@ -379,7 +379,7 @@ TEST(Calibrate, NamesBoardsThatAreNearlyTheSame) {
                                    .finished());
     View view{0, f, std::to_string(f) + ".png", {}, ""};
     for (int id = 0; id < 54; ++id) {
-      view.corners.push_back({id, *project_by_opencv(scene.lenses[0], T * data.target.points[id]), 1.0});
+      view.corners.push_back({id, *project_by_opencv(scene.lenses[0], T * data.targets[0].points[id]), 1.0});
     }
     data.views.push_back(view);
   }

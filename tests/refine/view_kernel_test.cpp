@@ -72,19 +72,14 @@ TYPED_TEST(ViewKernel, SumsWhatCeresCostSays) {
     const Vec3 t = T.t();
     for (const KernelSet* set : sets_here()) {
       std::vector<double> lower((n + 7) * (n + 8) / 2), s(static_cast<std::size_t>(corners.n_padded()));
-      double farthest = 0;
-      const KernelInput in{params(any).data(),
-                           R.data(),
-                           t.data(),
-                           corners.columns.data(),
+      const KernelInput in{{params(any).data(), R.data(), t.data()},
+                           {},
+                           corners.points->data(),
+                           corners.px.data(),
                            corners.n_padded(),
                            0,
-                           1,
-                           &farthest,
-                           nullptr,
-                           nullptr,
-                           nullptr};
-      const double cost = set->functions[any.index()](in, lower.data(), s.data(), nullptr);
+                           1};
+      const double cost = set->functions[any.index()](in, lower.data(), s.data(), nullptr).cost;
       EXPECT_NEAR(cost, 0.5 * expected(n + 6, n + 6), 1e-11 * cost)
           << set->name;  // pixels of thousands beside residuals of one
       for (int i = 0; i < n + 7; ++i) {
@@ -95,8 +90,39 @@ TYPED_TEST(ViewKernel, SumsWhatCeresCostSays) {
               << set->name << " " << i << " " << j;
         }
       }
-      EXPECT_NEAR(set->functions[any.index()](in, nullptr, nullptr, nullptr), cost, 1e-12 * cost);
+      EXPECT_NEAR(set->functions[any.index()](in, nullptr, nullptr, nullptr).cost, cost, 1e-12 * cost);
     }
+  }
+}
+
+// A board pose eliminated: L, B L^-T and B B' at the right places, by Eigen's own factorisation.
+TEST(ViewKernelFunction, EliminatesABoardPose) {
+  Rng rng(5);
+  const std::vector<Segment> segments{{2, 5}, {9, 1}, {12, 20}};
+  constexpr int kRows = 26, kAll = 40;
+  for (const KernelSet* set : sets_here()) {
+    const auto random = [&](Eigen::Index rows, Eigen::Index cols) {
+      return MatX(MatX::NullaryExpr(rows, cols, [&] { return rng.normal(); }));
+    };
+    const MatX root = random(6, 9), before = random(kAll, kAll);
+    Mat6 A = root * root.transpose();
+    MatX B = random(kRows, 6), S = before;
+    const MatX expected = B * A.inverse() * B.transpose();
+    const Mat6 A_before = A;
+    const MatX B_before = B;
+    ASSERT_TRUE(set->eliminate(A.data(), B.data(), kRows, segments.data(), 3, S.data(), kAll));
+    const MatX L = A.triangularView<Eigen::Lower>();
+    EXPECT_LT((L * L.transpose() - A_before).norm(), 1e-13 * A_before.norm()) << set->name;
+    EXPECT_LT((B * L.transpose() - B_before).norm(), 1e-12 * B_before.norm()) << set->name;
+    std::vector<int> place;
+    for (const Segment& s : segments)
+      for (int i = 0; i < s.n; ++i) place.push_back(s.first + i);
+    MatX change = MatX::Zero(kAll, kAll);
+    for (int i = 0; i < kRows; ++i)
+      for (int j = 0; j <= i; ++j) change(place[i], place[j]) = expected(i, j);
+    EXPECT_LT((S - before - change).norm(), 1e-10 * expected.norm()) << set->name;
+    A = -A_before;
+    EXPECT_FALSE(set->eliminate(A.data(), B.data(), kRows, segments.data(), 3, S.data(), kAll));
   }
 }
 
@@ -113,7 +139,7 @@ TEST(ViewKernelFunction, LossesAreThoseOfTheReference) {
   const ViewCorners corners = view_corners(list);
   const Lens any = lens;
   for (const Loss loss : {Loss::kHuber, Loss::kCauchy}) {
-    MatX gram;
+    Gram gram;
     const ViewQuestion question{any, T, corners, loss, 1.5};
     const double cost = accumulate_view(question, &gram).value();
     double expected = 0;
@@ -129,7 +155,7 @@ TEST(ViewKernelFunction, LossesAreThoseOfTheReference) {
       plus.T_cam_board = box_plus(T, h * Vec6::Unit(i));
       minus.T_cam_board = box_plus(T, -h * Vec6::Unit(i));
       const double slope = (*accumulate_view(plus, nullptr) - *accumulate_view(minus, nullptr)) / (2 * h);
-      EXPECT_NEAR(gram(9 + i, 15), slope,
+      EXPECT_NEAR(gram(15, 9 + i), slope,
                   1e-5 * std::abs(slope) + 1e-3);  // h^2, and rounding of the cost over h
     }
   }

@@ -72,7 +72,7 @@ TEST(Simulate, WithoutNoiseCornersAreProjections) {
       const Camera& camera = truth.rig.cameras[view.cam];
       const SE3 T = truth.rig.T_cam_rig[view.cam] * *truth.T_rig_board[view.frame];
       for (const Corner& corner : view.corners) {
-        const auto px = project(camera.lens, T * truth.data.target.points[corner.point]);
+        const auto px = project(camera.lens, T * truth.data.targets[0].points[corner.point]);
         ASSERT_TRUE(px);
         EXPECT_LT((*px - corner.px).norm(), 1e-10);
         EXPECT_TRUE(px->x() > 0 && px->y() > 0 && px->x() < camera.size.width - 1 &&
@@ -81,7 +81,7 @@ TEST(Simulate, WithoutNoiseCornersAreProjections) {
       }
     }
     EXPECT_EQ(n, truth.stats.n_corners);
-    EXPECT_GT(n, 24 * 0.6 * static_cast<double>(truth.data.target.points.size()));
+    EXPECT_GT(n, 24 * 0.6 * static_cast<double>(truth.data.targets[0].points.size()));
     EXPECT_EQ(truth.stats.rms_px, 0);
     EXPECT_NEAR(truth.rig.T_cam_rig[1].centre().x(), 0.1, 1e-12);
   }
@@ -138,8 +138,8 @@ TEST(Simulate, AFisheyeSeesBoardsBehindItself) {
   for (const View& view : truth.data.views) {
     for (const Corner& c : view.corners) {
       n_behind +=
-          (truth.rig.T_cam_rig[0] * *truth.T_rig_board[view.frame] * truth.data.target.points[c.point]).z() <
-          0;
+          (truth.rig.T_cam_rig[0] * *truth.T_rig_board[view.frame] * truth.data.targets[0].points[c.point])
+              .z() < 0;
     }
   }
   EXPECT_GT(n_behind, 0);

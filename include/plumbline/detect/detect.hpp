@@ -50,4 +50,10 @@ struct CameraImages {
 Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const Target& target,
                                const DetectOptions& options = {});
 
+/// The same for several boards: every image is searched for every board and gives a view for each. In
+/// addition kInvalidData is what check_distinct() says, and kDegenerate: no board is in any image of a
+/// camera, or a board is in no image at all. \pre at least one target, with names of their own
+Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const std::vector<Target>& targets,
+                               const DetectOptions& options = {});
+
 }  // namespace plumbline

@@ -45,22 +45,31 @@ struct Provenance {
 struct Calibration {
   Rig rig;
   Dataset data;
-  std::vector<std::optional<SE3>> T_rig_board;  ///< one per frame; nullopt: the frame was not used
-  std::vector<std::vector<CornerFit>> fits;     ///< per view, per corner; empty for a view that was not used
-  std::vector<std::string> view_reason;         ///< per view: why it was not used; empty when it was
+  std::vector<std::optional<SE3>>
+      T_rig_board;  ///< pose of the first board, one per frame; nullopt: the frame was not used
+  std::vector<SE3> T_board0_board{SE3()};    ///< one per target: p_board0 = T_board0_board[i] * p_board; the
+                                             ///< same in all frames; [0] is the identity
+  std::vector<std::vector<CornerFit>> fits;  ///< per view, per corner; empty for a view that was not used
+  std::vector<std::string> view_reason;      ///< per view: why it was not used; empty when it was
   SolveStats stats;
   std::optional<MatX> covariance;  ///< of the shared parameters in the order of shared_parameter_names(),
                                    ///< unit noise scaled by the residuals
   Provenance provenance;
 };
 
-/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * p_board). nullopt outside the lens'
-/// domain or when the view's frame has no pose.
+/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * T_board0_board * p_board). nullopt
+/// outside the lens' domain or when the view's frame has no pose.
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point);
 
-/// "left fx", ..., "right r_x", "right t_x", ...: lens parameters of each camera, then the six numbers
-/// [rotation rad | translation m] of each T_cam_rig but the first; the order of every vector over the shared
-/// parameters.
+/// T_rig_board * T_board0_board of a view: where its board stood in its frame. nullopt when the frame has no
+/// pose.
+std::optional<SE3> board_pose(const Calibration& calibration, const View& view);
+
+/// "left fx", ..., "right r_x", "right t_x", ..., "board2 r_x", ...: lens parameters of each camera, then the
+/// six numbers [rotation rad | translation m] of each T_cam_rig but the first, then those of each
+/// T_board0_board but the first; the order of every vector over the shared parameters.
+std::vector<std::string> shared_parameter_names(const Calibration& calibration);
+/// The same for a calibration of one board.
 std::vector<std::string> shared_parameter_names(const Rig& rig);
 
 /// rms_px over the inlier corners of one camera, or of one view; 0 when there are none.

@@ -124,6 +124,11 @@ struct Target {
 /// than 100,000 points.
 Result<Target> make_target(const TargetSpec& spec, std::string name = "");
 
+/// Whether several boards can be told apart in one image, by their names in the messages. kInvalidData:
+/// ChArUco boards or AprilGrids that share marker ids (says which, and the first_id that would do),
+/// chessboards or circle grids of the same counts, free points together with anything.
+Status check_distinct(const std::vector<Target>& targets);
+
 /// "chessboard", "charuco", ... of a spec, and all of them with their summaries in the order of the list.
 std::string_view target_type(const TargetSpec& spec);
 struct TargetType {
