@@ -9,9 +9,9 @@
 #include <bit>
 #include <cmath>
 
+#include "plumbline/core/check.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
-#include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
 
@@ -205,8 +205,7 @@ std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vecto
         if constexpr (FixedLens<L>)
           return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board);
         else
-          return make_sparse_cost(std::make_shared<Lens>(lens), std::move(observations), loss, loss_scale,
-                                  further_board);
+          PLUMBLINE_CHECK(false, "a lens with sparse derivatives has make_sparse_cost()");
       },
       lens);
 }

@@ -47,6 +47,7 @@ Scaling scaling_of(Loss loss, double scale, double s);
 /// into the first six of the seven ambient columns and zero into the last.
 ///
 /// Evaluate returns false when any corner leaves the lens' domain: Ceres then rejects the step.
+/// PLUMBLINE_CHECK: not for a lens with sparse derivatives (sparse_cost.hpp).
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
                                                     Loss loss, double loss_scale, bool further_board = false);
 

@@ -58,7 +58,7 @@ namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
-void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+void hold_block(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
   std::vector<int> held;
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
@@ -67,6 +67,13 @@ void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const 
     problem.SetParameterBlockConstant(block);
   else if (!held.empty())
     problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+}
+
+// A lens with sparse derivatives has its core in a block of its own.
+void hold_lens(ceres::Problem& problem, const Lens& lens, double* k, int offset, const SolveSpec& spec) {
+  const int n = n_params(lens), n_first = is_sparse(lens) ? 4 : n;
+  hold_block(problem, k, n_first, offset, spec);
+  if (n_first < n) hold_block(problem, k + n_first, n - n_first, offset + n_first, spec);
 }
 
 void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
@@ -160,6 +167,36 @@ class Blocks {
   std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
 };
 
+void add_costs(ceres::Problem& problem, const std::shared_ptr<Lens>& lens,
+               std::vector<Observation> observations, const SolveSpec& spec, bool further_board,
+               const std::vector<double*>& parameters) {
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost) {
+    problem.AddResidualBlock(cost.release(), nullptr, parameters);
+  };
+  if (!is_sparse(*lens))
+    return add(make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, further_board));
+  for (const Observation& o : observations)
+    add(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, further_board));
+}
+
+SolveReport report_of(const ceres::Solver::Summary& summary, const Calibration& cal) {
+  SolveReport report;
+  report.usable = summary.IsSolutionUsable() && all_finite(cal);
+  report.converged = summary.termination_type == ceres::CONVERGENCE;
+  report.cost = summary.final_cost;
+  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  report.termination = one_line(summary.message);
+  return report;
+}
+
+// Which parameters a corner touches changes as it moves.
+void solve_sparsely(ceres::Solver::Options& options) {
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.dynamic_sparsity = true;
+  options.linear_solver_ordering.reset();
+}
+
+// `block`: the parameters after the core.
 void add_priors(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
   const double scale = prior_scale(n_residuals, n_params(lens));
   for (const PriorRow& row : priors(lens))
@@ -185,18 +222,12 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     double* k = blocks.lens(cam);
     double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
+    std::vector<double*> parameters{k};
+    if (is_sparse(lens)) parameters.push_back(k + 4);
+    parameters.insert(parameters.end(), {T_cam_rig, T_rig_board});
     if (target > 0) parameters.push_back(blocks.T_board0_board(target));
     n_residuals[cam] += 2 * static_cast<int>(observations.size());
-    const auto add = [&](std::unique_ptr<ceres::CostFunction> cost) {
-      problem.AddResidualBlock(cost.release(), nullptr, parameters);
-    };
-    if (is_sparse(lens)) {
-      for (const Observation& o : observations)
-        add(make_sparse_cost(scratch[cam], {o}, spec.loss, spec.loss_scale, target > 0));
-    } else {
-      add(make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0));
-    }
+    add_costs(problem, scratch[cam], std::move(observations), spec, target > 0, parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
@@ -209,7 +240,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
+    hold_lens(problem, lens, k, offsets.lens[cam], spec);
     ordering->AddElementToGroup(k, 1);
     if (cam == 0)
       problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
@@ -222,24 +253,15 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   for (std::size_t cam = 0; cam < lens_seen.size(); ++cam) {
     const Lens& lens = cal.rig.cameras[cam].lens;
     if (!lens_seen[cam] || !is_sparse(lens)) continue;
-    add_priors(problem, lens, blocks.lens(static_cast<int>(cam)), n_residuals[cam]);
-    // Which parameters a corner touches changes as it moves.
-    options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    options.dynamic_sparsity = true;
-    options.linear_solver_ordering.reset();
+    add_priors(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
+    solve_sparsely(options);
   }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
   blocks.write_to(cal);
-  SolveReport report;
-  report.usable = summary.IsSolutionUsable() && all_finite(cal);
-  report.converged = summary.termination_type == ceres::CONVERGENCE;
-  report.cost = summary.final_cost;
-  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
-  report.termination = one_line(summary.message);
-  return report;
+  return report_of(summary, cal);
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {

@@ -25,6 +25,8 @@ void write_pose(double* out, const Vec3& j, const Vec3& v) {
   out[6] = 0;
 }
 
+constexpr std::size_t kCore = 4;
+
 class SparseCost final : public ceres::CostFunction {
  public:
   SparseCost(std::shared_ptr<Lens> scratch, std::vector<Observation> observations, Loss loss,
@@ -35,18 +37,21 @@ class SparseCost final : public ceres::CostFunction {
         loss_scale_(loss_scale),
         further_board_(further_board) {
     set_num_residuals(static_cast<int>(2 * observations_.size()));
-    *mutable_parameter_block_sizes() = {n_params(*lens_), 7, 7};
+    *mutable_parameter_block_sizes() = {int(kCore), n_params(*lens_) - int(kCore), 7, 7};
     if (further_board) mutable_parameter_block_sizes()->push_back(7);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
     const std::span<double> k = params(*lens_);
-    std::copy_n(blocks[0], k.size(), k.begin());
-    const SE3 T_cam_rig = pose_of(blocks[1]), T_rig_board = pose_of(blocks[2]);
-    const SE3 T_board0_board = further_board_ ? pose_of(blocks[3]) : SE3();
+    const std::size_t n_others = k.size() - kCore;
+    std::copy_n(blocks[0], kCore, k.begin());
+    std::copy_n(blocks[1], n_others, k.begin() + kCore);
+    const SE3 T_cam_rig = pose_of(blocks[2]), T_rig_board = pose_of(blocks[3]);
+    const SE3 T_board0_board = further_board_ ? pose_of(blocks[4]) : SE3();
     const Mat3 R_cam_rig = T_cam_rig.R(), R_rig_board = T_rig_board.R(), R_further = T_board0_board.R();
-    if (jacobians && jacobians[0])
-      std::fill_n(jacobians[0], static_cast<std::size_t>(num_residuals()) * k.size(), 0.0);
+    const auto n_rows = static_cast<std::size_t>(num_residuals());
+    if (jacobians && jacobians[0]) std::fill_n(jacobians[0], n_rows * kCore, 0.0);
+    if (jacobians && jacobians[1]) std::fill_n(jacobians[1], n_rows * n_others, 0.0);
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       const Observation& o = observations_[i];
       const Vec3 turned_further = R_further * o.p_board;
@@ -55,7 +60,7 @@ class SparseCost final : public ceres::CostFunction {
       Mat23 J_px_p;
       SparseJac J_px_k;
       const auto px = project_sparse(*lens_, turned_rig + T_cam_rig.t(), jacobians ? &J_px_p : nullptr,
-                                     jacobians && jacobians[0] ? &J_px_k : nullptr);
+                                     jacobians ? &J_px_k : nullptr);
       if (!px) return false;
       const Vec2 r = o.weight * (*px - o.px);
       const Scaling scaling = scaling_of(loss_, loss_scale_, r.squaredNorm());
@@ -67,13 +72,16 @@ class SparseCost final : public ceres::CostFunction {
       for (std::size_t axis = 0; axis < 2; ++axis) {
         const std::size_t row = 2 * i + axis;
         const auto a = static_cast<Eigen::Index>(axis);
-        for (int e = 0; jacobians[0] && e < J_px_k.n; ++e)
-          jacobians[0][row * k.size() + static_cast<std::size_t>(J_px_k.index[e])] =
-              J_r_px.row(a) * J_px_k.J[e];
-        if (jacobians[1]) write_pose(jacobians[1] + 7 * row, J_r_p.row(a), turned_rig);
-        if (jacobians[2]) write_pose(jacobians[2] + 7 * row, J_r_rig.row(a), turned_board);
-        if (further_board_ && jacobians[3])
-          write_pose(jacobians[3] + 7 * row, J_r_board0.row(a), turned_further);
+        for (int e = 0; e < J_px_k.n; ++e) {
+          const auto at = static_cast<std::size_t>(J_px_k.index[e]);
+          const bool core = at < kCore;
+          if (double* J = jacobians[core ? 0 : 1])
+            J[core ? row * kCore + at : row * n_others + at - kCore] = J_r_px.row(a) * J_px_k.J[e];
+        }
+        if (jacobians[2]) write_pose(jacobians[2] + 7 * row, J_r_p.row(a), turned_rig);
+        if (jacobians[3]) write_pose(jacobians[3] + 7 * row, J_r_rig.row(a), turned_board);
+        if (further_board_ && jacobians[4])
+          write_pose(jacobians[4] + 7 * row, J_r_board0.row(a), turned_further);
       }
     }
     return true;
@@ -91,8 +99,9 @@ class PriorCost final : public ceres::CostFunction {
  public:
   PriorCost(const PriorRow& row, int n, double scale) : row_(row) {
     for (double& w : row_.weight) w *= scale;
+    for (int& i : row_.index) i -= static_cast<int>(kCore);
     set_num_residuals(1);
-    *mutable_parameter_block_sizes() = {n};
+    *mutable_parameter_block_sizes() = {n - static_cast<int>(kCore)};
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {

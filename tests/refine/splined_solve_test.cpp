@@ -104,37 +104,43 @@ TEST(SparseCost, JacobiansAgreeWithDifferences) {
   list[4].weight = 0.5;
   const auto n = static_cast<Eigen::Index>(2 * list.size());
   for (const Loss loss : {Loss::kSquared, Loss::kHuber, Loss::kCauchy}) {
-    const auto cost = make_view_cost(lens, list, loss, 1.5);
-    const auto residuals = [&](const Lens& l, const SE3& T_cam, const SE3& T_board, double** J) {
+    const auto cost = make_sparse_cost(std::make_shared<Lens>(lens), list, loss, 1.5, true);
+    const SE3 T_further(so3_exp(Vec3(0.01, 0.02, 0)), Vec3(0.001, 0, 0.002));
+    const auto residuals = [&](const Lens& l, const SE3& T_cam, const SE3& T_board, double** J,
+                               const SE3& T_board0_board) {
       VecX r(n);
-      const double* blocks[] = {params(l).data(), T_cam.qt.data(), T_board.qt.data()};
+      const double* k = params(l).data();
+      const double* blocks[] = {k, k + 4, T_cam.qt.data(), T_board.qt.data(), T_board0_board.qt.data()};
       EXPECT_TRUE(cost->Evaluate(blocks, r.data(), J));
       return r;
     };
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    Rows J_k(n, n_lens), J_cam(n, 7), J_board(n, 7);
-    double* J[] = {J_k.data(), J_cam.data(), J_board.data()};
+    Rows J_core(n, 4), J_others(n, n_lens - 4), J_cam(n, 7), J_board(n, 7), J_further(n, 7);
+    double* J[] = {J_core.data(), J_others.data(), J_cam.data(), J_board.data(), J_further.data()};
     const SE3 T_board = *cal.T_rig_board[0];
-    residuals(lens, T_cam_rig, T_board, J);
+    residuals(lens, T_cam_rig, T_board, J, T_further);
     const double h = 1e-6;  // pixels of some hundreds: differences are good to 1e-7 of a column
+    const auto check = [&](const VecX& plus, const VecX& minus, const VecX& column, const char* what, int i) {
+      const VecX d = (plus - minus) / (2 * h);
+      EXPECT_LT((d - column).norm(), 1e-5 * (1 + d.norm())) << what << " " << i;
+    };
     for (int i = 0; i < n_lens; ++i) {
       Lens up = lens, down = lens;
       params(up)[i] += h, params(down)[i] -= h;
-      const VecX d =
-          (residuals(up, T_cam_rig, T_board, nullptr) - residuals(down, T_cam_rig, T_board, nullptr)) /
-          (2 * h);
-      EXPECT_LT((d - J_k.col(i)).norm(), 1e-5 * (1 + d.norm())) << i;
+      check(residuals(up, T_cam_rig, T_board, nullptr, T_further),
+            residuals(down, T_cam_rig, T_board, nullptr, T_further),
+            i < 4 ? VecX(J_core.col(i)) : VecX(J_others.col(i - 4)), "lens", i);
     }
     for (int i = 0; i < 6; ++i) {
       const Vec6 s = h * Vec6::Unit(i);
-      const VecX cam = (residuals(lens, box_plus(T_cam_rig, s), T_board, nullptr) -
-                        residuals(lens, box_plus(T_cam_rig, -s), T_board, nullptr)) /
-                       (2 * h);
-      const VecX board = (residuals(lens, T_cam_rig, box_plus(T_board, s), nullptr) -
-                          residuals(lens, T_cam_rig, box_plus(T_board, -s), nullptr)) /
-                         (2 * h);
-      EXPECT_LT((cam - J_cam.col(i)).norm(), 1e-5 * (1 + cam.norm())) << i;
-      EXPECT_LT((board - J_board.col(i)).norm(), 1e-5 * (1 + board.norm())) << i;
+      check(residuals(lens, box_plus(T_cam_rig, s), T_board, nullptr, T_further),
+            residuals(lens, box_plus(T_cam_rig, -s), T_board, nullptr, T_further), J_cam.col(i), "camera", i);
+      check(residuals(lens, T_cam_rig, box_plus(T_board, s), nullptr, T_further),
+            residuals(lens, T_cam_rig, box_plus(T_board, -s), nullptr, T_further), J_board.col(i), "board",
+            i);
+      check(residuals(lens, T_cam_rig, T_board, nullptr, box_plus(T_further, s)),
+            residuals(lens, T_cam_rig, T_board, nullptr, box_plus(T_further, -s)), J_further.col(i),
+            "further", i);
     }
   }
 }
