@@ -150,11 +150,8 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
     if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    const auto known = lens_names();
-    if (std::find(known.begin(), known.end(), lens) == known.end()) {
-      const auto made = make_lens(lens, ImageSize{}, 1.0);
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made)
       usage_error("--lens: " + made.error().message);
-    }
     lenses.push_back(lens);
   }
   if (!by_camera.empty())

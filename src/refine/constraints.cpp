@@ -65,7 +65,11 @@ class Names {
       }
     }
     if (!found.empty()) return found;
-    return bad("no shared parameter has this name; there are: " + join(all_, ", ") +
+    // A spline's parameters are too many for a message.
+    const bool many = all_.size() > 200;
+    const std::vector<std::string> some(
+        all_.begin(), all_.begin() + static_cast<long>(std::min<std::size_t>(all_.size(), 200)));
+    return bad("no shared parameter has this name; there are: " + join(some, ", ") + (many ? ", ..." : "") +
                    "; without the camera a name means all cameras; groups: lens, K, pose, rig, CAMERA, "
                    "CAMERA.K, CAMERA.pose",
                where);

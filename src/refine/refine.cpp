@@ -66,7 +66,7 @@ void fill_stats(Calibration& cal, const SolveReport& report) {
 
 void fill_provenance(Calibration& cal, const RefineOptions& options) {
   std::vector<std::string> lenses;
-  for (const Camera& camera : cal.rig.cameras) lenses.emplace_back(lens_name(camera.lens));
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(lens_spec(camera.lens));
   auto& o = cal.provenance.options;
   o["lens"] = join(lenses, ",");
   o["start"] = name_of(options.start);
@@ -311,7 +311,8 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
     parts.push_back(mono_data(sound, static_cast<int>(cam)));
     const Constraints of_camera = slice(*constraints, offset, n_params((*lenses)[cam]));
     offset += n_params((*lenses)[cam]);
-    auto mono = seed_camera(parts[cam].data, std::string(lens_name((*lenses)[cam])), options, of_camera);
+    auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
+                            of_camera);
     if (!mono) return mono.error();
     lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
@@ -319,9 +320,13 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
-  if (auto status = enough_views(*seed, *constraints); !status) return status.error();
-  auto cal = finish(*std::move(seed), options, *constraints, true);
-  if (cal) add_lean(*cal, lean);
+  // Anew: the seed may have chosen the shape of a lens.
+  auto constraints_of_seed = constraints_of(*seed, options);
+  if (!constraints_of_seed) return constraints_of_seed.error();
+  hold_cores(seed->rig, constraints_of_seed->held);
+  if (auto status = enough_views(*seed, *constraints_of_seed); !status) return status.error();
+  auto cal = finish(*std::move(seed), options, *std::move(constraints_of_seed), true);
+  if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
 
@@ -333,8 +338,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                       start.T_rig_board.size() == start.data.frames.size() &&
                       start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
-  const auto constraints = constraints_of(start, options);
+  auto constraints = constraints_of(start, options);
   if (!constraints) return constraints.error();
+  hold_cores(start.rig, constraints->held);
   Calibration cal = start;
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");

@@ -14,6 +14,7 @@
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 #include "refine/shared_block.hpp"
+#include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
 
@@ -57,7 +58,7 @@ namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
-void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+void hold_block(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
   std::vector<int> held;
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
@@ -66,6 +67,13 @@ void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const 
     problem.SetParameterBlockConstant(block);
   else if (!held.empty())
     problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+}
+
+// A lens with sparse derivatives has its core in a block of its own.
+void hold_lens(ceres::Problem& problem, const Lens& lens, double* k, int offset, const SolveSpec& spec) {
+  const int n = n_params(lens), n_first = is_sparse(lens) ? 4 : n;
+  hold_block(problem, k, n_first, offset, spec);
+  if (n_first < n) hold_block(problem, k + n_first, n - n_first, offset + n_first, spec);
 }
 
 void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
@@ -230,39 +238,51 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
-// What a view depends on: its cost and the parameter blocks in the cost's order.
+// What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
+// derivatives has a cost for each corner, and its core in a block of its own.
 struct ViewBlocks {
-  std::unique_ptr<ceres::CostFunction> cost;
+  std::vector<std::unique_ptr<ceres::CostFunction>> costs;
   std::vector<double*> parameters;
 };
-ViewBlocks view_blocks(const Calibration& cal, const View& view, std::vector<Observation> observations,
-                       Blocks& blocks, const SolveSpec& spec) {
-  const Lens& lens = cal.rig.cameras[view.cam].lens;
-  double* T_rig_board = blocks.T_rig_board(view.frame);
-  ViewBlocks list{make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0),
-                  {blocks.lens(view.cam), blocks.T_cam_rig(view.cam), T_rig_board}};
+ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view,
+                       std::vector<Observation> observations, Blocks& blocks, const SolveSpec& spec) {
+  double *k = blocks.lens(view.cam), *T_rig_board = blocks.T_rig_board(view.frame);
+  ViewBlocks list{{}, {k}};
+  if (is_sparse(*lens)) {
+    for (const Observation& o : observations)
+      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0));
+    list.parameters.push_back(k + 4);
+  } else {
+    list.costs.push_back(
+        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0));
+  }
+  list.parameters.insert(list.parameters.end(), {blocks.T_cam_rig(view.cam), T_rig_board});
   if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
   if (!has_ties(spec)) return list;
   std::vector<int> at;
   for (const double* block : list.parameters)
     at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
-  return {merge_blocks(std::move(list.cost), std::move(at), blocks.n_shared()),
-          {blocks.shared(), T_rig_board}};
+  for (auto& cost : list.costs) cost = merge_blocks(std::move(cost), at, blocks.n_shared());
+  list.parameters = {blocks.shared(), T_rig_board};
+  return list;
 }
 
 // All views with their manifolds and the order of elimination.
 void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering, Blocks& blocks,
-               const Calibration& cal, const SolveSpec& spec) {
+               const Calibration& cal, const SolveSpec& spec, std::vector<int>& n_residuals) {
   const Offsets offsets = offsets_of(cal);
   const bool tied = has_ties(spec);
+  std::vector<std::shared_ptr<Lens>> lenses;
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(std::make_shared<Lens>(camera.lens));
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    ViewBlocks view = view_blocks(cal, cal.data.views[v], std::move(observations), blocks, spec);
-    problem.AddResidualBlock(view.cost.release(), nullptr, view.parameters);
+    n_residuals[cam] += 2 * static_cast<int>(observations.size());
+    ViewBlocks view = view_blocks(lenses[cam], cal.data.views[v], std::move(observations), blocks, spec);
+    for (auto& cost : view.costs) problem.AddResidualBlock(cost.release(), nullptr, view.parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
@@ -276,7 +296,7 @@ void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering,
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, blocks.lens(cam), n_params(cal.rig.cameras[cam].lens), offsets.lens[cam], spec);
+    hold_lens(problem, *lenses[cam], blocks.lens(cam), offsets.lens[cam], spec);
     ordering.AddElementToGroup(blocks.lens(cam), 1);
     if (cam == 0)
       problem.SetParameterBlockConstant(blocks.T_cam_rig(cam));  // the rig's frame is camera 0's
@@ -289,6 +309,30 @@ void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering,
   ordering.AddElementToGroup(blocks.shared(), 1);
 }
 
+SolveReport report_of(const ceres::Solver::Summary& summary, const Calibration& cal) {
+  SolveReport report;
+  report.usable = summary.IsSolutionUsable() && all_finite(cal);
+  report.converged = summary.termination_type == ceres::CONVERGENCE;
+  report.cost = summary.final_cost;
+  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+  report.termination = one_line(summary.message);
+  return report;
+}
+
+// Which parameters a corner touches changes as it moves.
+void solve_sparsely(ceres::Solver::Options& options) {
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.dynamic_sparsity = true;
+  options.linear_solver_ordering.reset();
+}
+
+// `block`: the parameters after the core.
+void add_regularisation(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
+  const double scale = prior_scale(n_residuals, n_params(lens));
+  for (const PriorRow& row : priors(lens))
+    problem.AddResidualBlock(make_prior_cost(row, n_params(lens), scale).release(), nullptr, block);
+}
+
 }  // namespace
 
 SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
@@ -297,20 +341,22 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   auto* ordering = new ceres::ParameterBlockOrdering;
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
-  add_views(problem, *ordering, blocks, cal, spec);
+  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
+  add_views(problem, *ordering, blocks, cal, spec, n_residuals);
+  for (std::size_t cam = 0; cam < n_residuals.size(); ++cam) {
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    if (n_residuals[cam] == 0 || !is_sparse(lens)) continue;
+    if (has_ties(spec)) return {.termination = "parameters cannot be tied in a rig with a splined lens"};
+    add_regularisation(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
+    solve_sparsely(options);
+  }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   add_priors(problem, blocks, cal, spec);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
   blocks.write_to(cal);
-  SolveReport report;
-  report.usable = summary.IsSolutionUsable() && all_finite(cal);
-  report.converged = summary.termination_type == ceres::CONVERGENCE;
-  report.cost = summary.final_cost;
-  report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
-  report.termination = one_line(summary.message);
-  return report;
+  return report_of(summary, cal);
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
@@ -333,6 +379,13 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
+}
+
+void hold_cores(const Rig& rig, std::vector<bool>& held) {
+  const Offsets offsets = offsets_of(rig);
+  for (std::size_t cam = 0; cam < rig.cameras.size(); ++cam) {
+    if (holds_core(rig.cameras[cam].lens)) std::fill_n(held.begin() + offsets.lens[cam], 4, true);
+  }
 }
 
 }  // namespace plumbline::detail

@@ -51,7 +51,8 @@ struct SolveReport {
 /// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
-/// The reference: Ceres on one thread, one cost for each view.
+/// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for
+/// each corner, and the lens' own regularisation (make_prior_cost()), which is then part of the cost.
 SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
@@ -108,5 +109,8 @@ struct SharedCovariance {
   int n_residuals = 0, n_free = 0;
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);
+
+/// Holds fx fy cx cy of the lenses whose other parameters can express them.
+void hold_cores(const Rig& rig, std::vector<bool>& held);
 
 }  // namespace plumbline::detail
