@@ -54,8 +54,7 @@ Result<int> run(const Options& o, const Common& common) {
   options.lenses = *lenses;
 
   const auto solve_start = Clock::now();
-  auto calibration =
-      problem->start ? refine(*problem->start, options) : calibrate(problem->data, options);
+  auto calibration = problem->start ? refine(*problem->start, options) : calibrate(problem->data, options);
   if (!calibration) return calibration.error();
   const double solve_s = seconds_since(solve_start);
   calibration->provenance.version = PLUMBLINE_VERSION;
@@ -89,8 +88,9 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
   add_input_options(app, o->inputs);
   add_start_options(app, o->start);
-  app.add_option("--lens", o->lens,
-                 "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5, or those of the start)");
+  app.add_option(
+      "--lens", o->lens,
+      "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5, or those of the start)");
   app.add_option("--loss", o->loss, "squared, huber or cauchy")
       ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
   app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")->check(positive());

@@ -121,7 +121,8 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  auto targets = in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
+  auto targets =
+      in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
   if (!targets) return targets.error();
   auto images = find_images(in.cams, in.pair_by == "order");
   if (!images) return images.error();
@@ -149,11 +150,8 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
     if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    const auto known = lens_names();
-    if (std::find(known.begin(), known.end(), lens) == known.end()) {
-      const auto made = make_lens(lens, ImageSize{}, 1.0);
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made)
       usage_error("--lens: " + made.error().message);
-    }
     lenses.push_back(lens);
   }
   if (!by_camera.empty())

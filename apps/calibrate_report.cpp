@@ -41,12 +41,11 @@ Json json_of_cameras(const Calibration& c) {
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
     const Camera& camera = c.rig.cameras[i];
     Json parameters;
-    for (std::size_t k = 0; k < params(camera.lens).size(); ++k) {
-      parameters[std::string(param_names(camera.lens)[k])] = params(camera.lens)[k];
-    }
+    const auto names = param_names(camera.lens);
+    for (std::size_t k = 0; k < names.size(); ++k) parameters[names[k]] = params(camera.lens)[k];
     const int cam = static_cast<int>(i);
     cameras.push_back({{"name", camera.name},
-                       {"lens", lens_name(camera.lens)},
+                       {"lens", lens_spec(camera.lens)},
                        {"width", camera.size.width},
                        {"height", camera.size.height},
                        {"params", parameters},
@@ -196,11 +195,17 @@ std::string text_of_calibration(const Calibration& c) {
     const Camera& camera = c.rig.cameras[i];
     const int cam = static_cast<int>(i);
     text +=
-        fmt::format("{}: {} {}x{}, {} of {} {} used, rms {:.4f} px\n", camera.name, lens_name(camera.lens),
+        fmt::format("{}: {} {}x{}, {} of {} {} used, rms {:.4f} px\n", camera.name, lens_spec(camera.lens),
                     camera.size.width, camera.size.height, views_used(c, cam), images_of(c, cam),
                     c.data.targets.size() > 1 ? "views of boards" : "images", camera_rms_px(c, cam));
-    for (std::size_t p = 0; p < params(camera.lens).size(); ++p, ++k) {
-      text += fmt::format("  {:<3} {:>14.8g}", param_names(camera.lens)[p], params(camera.lens)[p]);
+    const auto names = param_names(camera.lens);
+    for (std::size_t p = 0; p < names.size(); ++p, ++k) {
+      if (p >= 4 && is_sparse(camera.lens)) {
+        text += fmt::format("  and {} control points\n", (names.size() - p) / 2);
+        k += static_cast<int>(names.size() - p);
+        break;
+      }
+      text += fmt::format("  {:<3} {:>14.8g}", names[p], params(camera.lens)[p]);
       if (c.covariance && (*c.covariance)(k, k) >= 0)
         text += fmt::format("  +- {:.2g}", std::sqrt((*c.covariance)(k, k)));
       text += "\n";

@@ -18,9 +18,7 @@ bool is_method(const std::string& start) { return start == "auto" || start == "z
 
 bool from_files(const CalibrateStart& s) { return !s.start.empty() && !is_method(s.start.front()); }
 
-bool has_inputs(const CalibrateInputs& in) {
-  return !in.corners.empty() || !in.cams.empty();
-}
+bool has_inputs(const CalibrateInputs& in) { return !in.corners.empty() || !in.cams.empty(); }
 
 // NAME=VALUE+-SIGMA.
 Prior parse_prior(const std::string& text) {
@@ -75,17 +73,20 @@ void add_start_options(CLI::App& app, CalibrateStart& s) {
   app.add_flag("--add", s.add, "add the given images or corners to those of the earlier calibration");
   app.add_flag("--replace", s.replace,
                "with --add: images that are there already take the place of the old ones");
-  app.add_option("--start", s.start,
-                 "first estimate: auto, zhang (flat boards), dlt (points that are not coplanar), or camera files "
-                 "of any known format, whose lenses and places are the start")
+  app.add_option(
+         "--start", s.start,
+         "first estimate: auto, zhang (flat boards), dlt (points that are not coplanar), or camera files "
+         "of any known format, whose lenses and places are the start")
       ->allow_extra_args(false);
   const auto list = [&](const char* name, std::vector<std::string>& values, const char* help) {
     app.add_option(name, values, help)->delimiter(',')->allow_extra_args(false);
   };
   list("--fix", s.fixed,
-       "hold parameters: k3 (every camera), left.fx, left.fx=532.8 (at that value), or a group: lens, K (fx fy cx "
+       "hold parameters: k3 (every camera), left.fx, left.fx=532.8 (at that value), or a group: lens, K (fx "
+       "fy cx "
        "cy), pose, rig (all places), left (its lens), left.K, left.pose; several separated by commas");
-  list("--tie", s.ties, "parameters with one value: fx=fy (in each camera), left.fx=right.fx, left=right (lenses)");
+  list("--tie", s.ties,
+       "parameters with one value: fx=fy (in each camera), left.fx=right.fx, left=right (lenses)");
   list("--prior", s.priors, "a value known from elsewhere, weighed by its sigma: left.fx=532+-2");
   list("--only", s.only, "solve for these cameras and hold lens and place of all others");
 }
@@ -106,7 +107,8 @@ void check_usage(const CalibrateStart& s, const CalibrateInputs& inputs) {
   if (s.add && !has_inputs(inputs)) usage_error("--add needs --cam or --corners: what is to be added");
   if (!s.add && (has_inputs(inputs) || !inputs.targets.empty()))
     usage_error(
-        "an earlier calibration and new images: --add joins them; to solve the new ones alone, give the earlier "
+        "an earlier calibration and new images: --add joins them; to solve the new ones alone, give the "
+        "earlier "
         "file as --start");
 }
 

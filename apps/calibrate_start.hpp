@@ -9,12 +9,12 @@
 
 namespace plumbline::apps {
 
-/// Where the solve of `calibrate` starts: from corners alone, from camera files, or from an earlier calibration,
-/// with more views or without.
+/// Where the solve of `calibrate` starts: from corners alone, from camera files, or from an earlier
+/// calibration, with more views or without.
 struct CalibrateStart {
-  std::string earlier;                   ///< a calibration.yaml
-  bool add = false, replace = false;     ///< the inputs' views are added to the earlier ones
-  std::vector<std::string> start{};      ///< auto, zhang, dlt, or camera files
+  std::string earlier;                ///< a calibration.yaml
+  bool add = false, replace = false;  ///< the inputs' views are added to the earlier ones
+  std::vector<std::string> start{};   ///< auto, zhang, dlt, or camera files
   std::vector<std::string> fixed, ties, priors, only;
 };
 
@@ -29,8 +29,8 @@ struct Problem {
   std::optional<Calibration> start;
 };
 /// \param lens  --lens as the user wrote it; empty: opencv5, or the lenses of the start
-Result<Problem> load_problem(const CalibrateStart& start, const CalibrateInputs& inputs, const std::string& lens,
-                             const Common& common);
+Result<Problem> load_problem(const CalibrateStart& start, const CalibrateInputs& inputs,
+                             const std::string& lens, const Common& common);
 
 /// What the options say of the start and of single parameters; a malformed one is wrong usage.
 void fill_options(const CalibrateStart& start, RefineOptions& options);

@@ -30,11 +30,17 @@ Calibration make_truth(const Kind& kind, std::uint64_t seed);
 /// The corners of `clean` with the fault. The others keep their noise.
 Dataset with_fault(const Dataset& clean, Fault fault, std::uint64_t seed);
 
-/// RMS distance [px] of the projections of the two lenses over the true camera's image, after the rotation
-/// that fits best; nullopt when they cannot be compared.
-std::optional<double> error_px(const Camera& truth, const Camera& estimate);
+/// RMS distance [px] of the projections of two lenses over the true camera's image, after the rotation that
+/// fits best: within 5 % of the image's diagonal of a corner of any view, and over the whole image, which
+/// includes what no corner ever said anything of.
+struct ErrorPx {
+  double near = 0, whole = 0;
+};
+/// nullopt when they cannot be compared.
+std::optional<ErrorPx> error_px(const Calibration& truth, const Camera& estimate);
 
-/// cv::calibrateCamera or cv::fisheye::calibrate on these corners; nullopt when it throws or has no such lens.
+/// cv::calibrateCamera or cv::fisheye::calibrate on these corners; nullopt when it throws or has no such
+/// lens.
 std::optional<Camera> by_opencv(const Dataset& data, const Kind& kind);
 
 /// mrcal with its outlier rejection, started at the truth; nullopt when it fails or has no such lens.

@@ -105,13 +105,12 @@ std::optional<Camera> by_mrcal(const Calibration& truth, const Dataset& data) {
   constants.point_max_range = 1e6;
   const auto& lattice = *data.targets[0].lattice;
   const int n_views = static_cast<int>(frames.size());
-  std::vector<double> x(static_cast<std::size_t>(
-      mrcal_num_measurements(n_views, 0, lattice.columns, lattice.rows, 1, 0, n_views, 0, 0, selections, &model)));
-  const mrcal_stats_t stats =
-      mrcal_optimize(nullptr, 0, x.data(), static_cast<int>(x.size() * sizeof(double)), k.data(), nullptr,
-                     frames.data(), nullptr, nullptr, 1, 0, n_views, 0, 0, observations.data(), nullptr, n_views,
-                     0, pool.data(), &model, size, selections, &constants, lattice.spacing_m, lattice.columns,
-                     lattice.rows, false, false);
+  std::vector<double> x(static_cast<std::size_t>(mrcal_num_measurements(
+      n_views, 0, lattice.columns, lattice.rows, 1, 0, n_views, 0, 0, selections, &model)));
+  const mrcal_stats_t stats = mrcal_optimize(
+      nullptr, 0, x.data(), static_cast<int>(x.size() * sizeof(double)), k.data(), nullptr, frames.data(),
+      nullptr, nullptr, 1, 0, n_views, 0, 0, observations.data(), nullptr, n_views, 0, pool.data(), &model,
+      size, selections, &constants, lattice.spacing_m, lattice.columns, lattice.rows, false, false);
   if (!(stats.rms_reproj_error__pixels >= 0)) return std::nullopt;
   return camera_of(data, lens, k);
 }

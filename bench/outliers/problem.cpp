@@ -96,10 +96,22 @@ Dataset with_fault(const Dataset& clean, Fault fault, std::uint64_t seed) {
   return data;
 }
 
-std::optional<double> error_px(const Camera& truth, const Camera& estimate) {
-  const auto diff = compare_cameras(truth, estimate, Align::kRotation);
-  if (!diff) return std::nullopt;
-  return diff->rms;
+std::optional<ErrorPx> error_px(const Calibration& truth, const Camera& estimate) {
+  const Camera& camera = truth.rig.cameras[0];
+  const double reach = 0.05 * std::hypot(camera.size.width, camera.size.height);
+  const auto is_near = [&](const Vec2& px) {
+    for (const View& view : truth.data.views) {
+      for (const Corner& c : view.corners) {
+        if ((c.px - px).squaredNorm() < reach * reach) return true;
+      }
+    }
+    return false;
+  };
+  const Projection estimated = [&](const Vec3& p_cam, Mat23* J) { return project(estimate.lens, p_cam, J); };
+  const auto near = compare_projection(camera, estimated, Align::kRotation, 1.0, is_near);
+  const auto whole = compare_projection(camera, estimated, Align::kRotation);
+  if (!near || !whole) return std::nullopt;
+  return ErrorPx{near->rms, whole->rms};
 }
 
 }  // namespace plumbline::bench

@@ -97,8 +97,14 @@ std::optional<Outcome> solve(const SolveSet& set, bool tight) {
 }  // namespace
 
 std::optional<Outcome> run_autodiff(const SolveSet& set, bool tight) {
-  return std::visit([&](const auto& lens) { return solve<std::decay_t<decltype(lens)>>(set, tight); },
-                    set.truth.cameras[0].lens);
+  return std::visit(
+      [&]<class L>(const L&) -> std::optional<Outcome> {
+        if constexpr (FixedLens<L>)
+          return solve<L>(set, tight);
+        else
+          return std::nullopt;
+      },
+      set.truth.cameras[0].lens);
 }
 
 }  // namespace bench

@@ -154,7 +154,7 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
   selections.do_optimize_intrinsics_distortions = solve.distortion;
   selections.do_optimize_extrinsics = n_cams > 1;
   selections.do_optimize_frames = true;
-  selections.do_apply_regularization = false;
+  selections.do_apply_regularization = solve.regularise;
   mrcal_problem_constants_t constants{};  // about free points, of which there are none
   constants.point_min_range = 1e-3;
   constants.point_max_range = 1e6;

@@ -309,9 +309,9 @@ Camera read_camera(const Field& field) {
   const ImageSize size{field.at("width").integer(1, 1'000'000), field.at("height").integer(1, 1'000'000)};
   const Lens names = value_or_throw(make_lens(lens, size, 1.0), field.at("lens"));
   std::vector<double> values;
-  for (std::string_view name : param_names(names)) values.push_back(parameters.at(name).number());
+  const auto known = param_names(names);
+  for (const std::string& name : known) values.push_back(parameters.at(name).number());
   for (const auto& [key, value] : parameters.entries()) {
-    const auto known = param_names(names);
     if (std::find(known.begin(), known.end(), key) == known.end()) {
       value.fail(fmt::format("lens {} has no parameter '{}'", lens, key.substr(0, 40)));
     }
@@ -345,7 +345,7 @@ void write_rig_fields(std::string& out, const Rig& rig) {
   out += "cameras:\n";
   for (const Camera& camera : rig.cameras) {
     append(out, "  - name: {}\n    width: {}\n    height: {}\n    lens: {}\n    parameters:\n",
-           yaml_text(camera.name), camera.size.width, camera.size.height, lens_name(camera.lens));
+           yaml_text(camera.name), camera.size.width, camera.size.height, yaml_text(lens_spec(camera.lens)));
     const auto names = param_names(camera.lens);
     const auto values = params(camera.lens);
     for (std::size_t i = 0; i < names.size(); ++i)

@@ -48,7 +48,8 @@ class Names {
     auto found = where_is([&](const Name& name, const std::string& all) {
       return all == wanted || name.owner + "." + name.parameter == wanted;
     });
-    if (found.empty()) found = where_is([&](const Name& name, const auto&) { return name.parameter == wanted; });
+    if (found.empty())
+      found = where_is([&](const Name& name, const auto&) { return name.parameter == wanted; });
     if (found.empty())
       found = where_is([&](const Name& name, const auto&) { return in_group(name, wanted); });
     if (found.empty())
@@ -64,7 +65,11 @@ class Names {
       }
     }
     if (!found.empty()) return found;
-    return bad("no shared parameter has this name; there are: " + join(all_, ", ") +
+    // A spline's parameters are too many for a message.
+    const bool many = all_.size() > 200;
+    const std::vector<std::string> some(
+        all_.begin(), all_.begin() + static_cast<long>(std::min<std::size_t>(all_.size(), 200)));
+    return bad("no shared parameter has this name; there are: " + join(some, ", ") + (many ? ", ..." : "") +
                    "; without the camera a name means all cameras; groups: lens, K, pose, rig, CAMERA, "
                    "CAMERA.K, CAMERA.pose",
                where);
@@ -170,16 +175,16 @@ Status spread_holds(Constraints& c, const Names& names) {
   for (const auto& [i, value] : c.values) {
     for (const auto& [j, other] : c.values) {
       if (c.tied_to[i] == c.tied_to[j] && value != other)
-        return bad(fmt::format("{} is tied to {}, but they are to be {} and {}", names[i], names[j], value,
-                               other),
-                   "options");
+        return bad(
+            fmt::format("{} is tied to {}, but they are to be {} and {}", names[i], names[j], value, other),
+            "options");
     }
   }
   return {};
 }
 
-// Everything that does not belong to these cameras. The rig's frame is that of the first camera, whose pose is
-// none of the parameters: what can move is where the others stand.
+// Everything that does not belong to these cameras. The rig's frame is that of the first camera, whose pose
+// is none of the parameters: what can move is where the others stand.
 Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std::string>& only) {
   if (only.empty()) return {};
   std::vector<bool> wanted(cal.rig.cameras.size(), false);
@@ -194,10 +199,11 @@ Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std
   }
   const auto n_held = std::count(wanted.begin(), wanted.end(), false);
   if (wanted[0] && n_held > 1)
-    return bad(fmt::format("camera {0} carries the rig's frame, so that with it all other cameras would move; "
-                           "solve for all cameras but one, or make another camera the first",
-                           cal.rig.cameras[0].name),
-               "only '" + cal.rig.cameras[0].name + "'");
+    return bad(
+        fmt::format("camera {0} carries the rig's frame, so that with it all other cameras would move; "
+                    "solve for all cameras but one, or make another camera the first",
+                    cal.rig.cameras[0].name),
+        "only '" + cal.rig.cameras[0].name + "'");
   const Offsets offsets = offsets_of(cal);
   for (std::size_t cam = 0; cam < wanted.size(); ++cam) {
     if (wanted[cam]) continue;
@@ -316,7 +322,8 @@ std::vector<PriorPull> prior_pulls(const Calibration& cal, const std::vector<Pri
   const VecX x = shared_values(cal);
   std::vector<PriorPull> pulls;
   for (const PriorTerm& prior : priors)
-    pulls.push_back({names[prior.index], prior.value, prior.sigma, (x[prior.index] - prior.value) / prior.sigma});
+    pulls.push_back(
+        {names[prior.index], prior.value, prior.sigma, (x[prior.index] - prior.value) / prior.sigma});
   return pulls;
 }
 

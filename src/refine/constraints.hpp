@@ -19,9 +19,9 @@ struct Constraints {
   bool any() const;
 };
 
-/// The names and groups of the options (refine.hpp) as indices. kInvalidData: a name that does not exist (lists
-/// those that do), a value that is no number or no focal length, two values for one parameter, a tie that does
-/// not pair up or that ties rotations, a prior whose sigma is not positive.
+/// The names and groups of the options (refine.hpp) as indices. kInvalidData: a name that does not exist
+/// (lists those that do), a value that is no number or no focal length, two values for one parameter, a tie
+/// that does not pair up or that ties rotations, a prior whose sigma is not positive.
 Result<Constraints> constraints_of(const Calibration& calibration, const RefineOptions& options);
 
 /// Those of one camera's lens alone: `n` parameters from `first` on. Ties to other cameras are dropped.

@@ -13,8 +13,8 @@ namespace {
 
 using namespace detail;
 
-// The image of a lens as a data set: a "board" of the unit rays of a grid of pixels, one view, in the camera's
-// frame.
+// The image of a lens as a data set: a "board" of the unit rays of a grid of pixels, one view, in the
+// camera's frame.
 Dataset image_of(const Lens& lens, ImageSize size, bool forward_only) {
   constexpr int kColumns = 40, kRows = 30;
   constexpr double kLeastZ = 0.02;  // a perspective lens cannot follow a fisheye to 90 degrees
@@ -60,7 +60,8 @@ Result<Lens> convert_lens(const Lens& from, const std::string& name, ImageSize s
   const Dataset image = image_of(from, size, forward_only);
   if (forward_only && !is_central_perspective(from)) {
     std::vector<double> theta;
-    for (const Vec3& ray : image.targets[0].points) theta.push_back(std::atan2(ray.head<2>().norm(), ray.z()));
+    for (const Vec3& ray : image.targets[0].points)
+      theta.push_back(std::atan2(ray.head<2>().norm(), ray.z()));
     if (const auto like = perspective_like(from, name, size, theta, {})) lens = *like;
   }
   Calibration cal = empty_calibration(image, {lens});

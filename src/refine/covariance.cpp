@@ -107,8 +107,7 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   const Reduction reduction = reduction_of(spec, offsets.total);
   result.n_free = reduction.n_free + 6 * n_frames;
   const int n_known = result.n_residuals + static_cast<int>(spec.priors.size());
-  result.variance =
-      n_known > result.n_free ? sum / (n_known - result.n_free) / spec.variance_kept : 0.0;
+  result.variance = n_known > result.n_free ? sum / (n_known - result.n_free) / spec.variance_kept : 0.0;
   result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
   if (reduction.n_free == 0) return result;
   const MatX J_prior = prior_rows(cal, spec).J;
@@ -124,9 +123,14 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
   const double least = 1e-14 * eigen.values[eigen.values.size() - 1];
   if (!(eigen.values[0] > least)) result.null_direction = E * eigen.vectors.col(0);
-  const MatX scaled = E * (scale.asDiagonal() * eigen.vectors);
-  result.unit_covariance =
-      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
+  const MatX scaled = scale.asDiagonal() * eigen.vectors;
+  const MatX C = scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
+  for (int i = 0; i < offsets.total; ++i) {
+    for (int j = 0; j < offsets.total; ++j) {
+      if (reduction.column[i] >= 0 && reduction.column[j] >= 0)
+        result.unit_covariance(i, j) = C(reduction.column[i], reduction.column[j]);
+    }
+  }
   return result;
 }
 

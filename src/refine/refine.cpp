@@ -66,7 +66,7 @@ void fill_stats(Calibration& cal, const SolveReport& report) {
 
 void fill_provenance(Calibration& cal, const RefineOptions& options) {
   std::vector<std::string> lenses;
-  for (const Camera& camera : cal.rig.cameras) lenses.emplace_back(lens_name(camera.lens));
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(lens_spec(camera.lens));
   auto& o = cal.provenance.options;
   o["lens"] = join(lenses, ",");
   o["start"] = name_of(options.start);
@@ -77,8 +77,7 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   o["fixed"] = join(options.fixed, ",");
   std::vector<std::string> priors;
   for (const Prior& p : options.priors)
-    priors.push_back(
-        fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
+    priors.push_back(fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
   if (!options.ties.empty()) o["ties"] = join(options.ties, ",");
   if (!priors.empty()) o["priors"] = join(priors, ",");
   if (!options.only.empty()) o["only"] = join(options.only, ",");
@@ -191,16 +190,17 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
   if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
   // A robust loss has bent the tails already.
   const bool cuts_tails = options.mark_outliers && options.loss == Loss::kSquared;
-  SolveSpec spec = with_constraints({.loss = options.loss,
-                                     .loss_scale = options.loss_scale_px,
-                                     .use_sigma = options.use_sigma,
-                                     .max_iterations = options.max_iterations,
-                                     .tight = true,
-                                     .prior_weight = robust_scale_px(cal) / 3,
-                                     .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
-                                     .solver = options.solver,
-                                     .n_threads = options.n_threads},
-                                    constraints);
+  SolveSpec spec =
+      with_constraints({.loss = options.loss,
+                        .loss_scale = options.loss_scale_px,
+                        .use_sigma = options.use_sigma,
+                        .max_iterations = options.max_iterations,
+                        .tight = true,
+                        .prior_weight = robust_scale_px(cal) / 3,
+                        .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
+                        .solver = options.solver,
+                        .n_threads = options.n_threads},
+                       constraints);
   if (options.mark_outliers)
     mark_outliers(cal, options);
   else if (auto error = unprojectable(cal))
@@ -214,14 +214,14 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
   return cal;
 }
 
-// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some of
-// them are known.
+// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
+// of them are known.
 int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
   const int first = offsets_of(cal).lens[cam];
   int n_free = 0;
   for (int i = first; i < first + 4; ++i) {
-    const bool has_prior = std::any_of(c.priors.begin(), c.priors.end(),
-                                       [&](const PriorTerm& p) { return p.index == i; });
+    const bool has_prior =
+        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return p.index == i; });
     n_free += !c.held[i] && c.tied_to[i] == i && !has_prior;
   }
   return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);
@@ -311,7 +311,8 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
     parts.push_back(mono_data(sound, static_cast<int>(cam)));
     const Constraints of_camera = slice(*constraints, offset, n_params((*lenses)[cam]));
     offset += n_params((*lenses)[cam]);
-    auto mono = seed_camera(parts[cam].data, std::string(lens_name((*lenses)[cam])), options, of_camera);
+    auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
+                            of_camera);
     if (!mono) return mono.error();
     lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
@@ -319,9 +320,13 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
-  if (auto status = enough_views(*seed, *constraints); !status) return status.error();
-  auto cal = finish(*std::move(seed), options, *constraints, true);
-  if (cal) add_lean(*cal, lean);
+  // Anew: the seed may have chosen the shape of a lens.
+  auto constraints_of_seed = constraints_of(*seed, options);
+  if (!constraints_of_seed) return constraints_of_seed.error();
+  hold_cores(seed->rig, constraints_of_seed->held);
+  if (auto status = enough_views(*seed, *constraints_of_seed); !status) return status.error();
+  auto cal = finish(*std::move(seed), options, *std::move(constraints_of_seed), true);
+  if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
 
@@ -333,8 +338,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                       start.T_rig_board.size() == start.data.frames.size() &&
                       start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
-  const auto constraints = constraints_of(start, options);
+  auto constraints = constraints_of(start, options);
   if (!constraints) return constraints.error();
+  hold_cores(start.rig, constraints->held);
   Calibration cal = start;
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");

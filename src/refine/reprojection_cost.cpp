@@ -9,6 +9,7 @@
 #include <bit>
 #include <cmath>
 
+#include "plumbline/core/check.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
 
@@ -28,12 +29,6 @@ Rho rho(Loss loss, double scale, double s) {
   return {s, 1};
 }
 
-namespace {
-
-// f = sqrt(rho(s) / s) and df/ds.
-struct Scaling {
-  double f = 1, f_s = 0;
-};
 Scaling scaling_of(Loss loss, double scale, double s) {
   if (loss == Loss::kSquared) return {};
   // Near s = 0 the quotient is 0/0. Cauchy: rho / s = 1 - s / (2 c^2) + ..., so f = 1 - s / (4 c^2).
@@ -46,6 +41,8 @@ Scaling scaling_of(Loss loss, double scale, double s) {
   const double f = std::sqrt(r.value / s);
   return {f, (r.derivative * s - r.value) / (2 * f * s * s)};
 }
+
+namespace {
 
 SE3 pose_of(const double* block) {
   SE3 T;
@@ -205,7 +202,10 @@ std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vecto
                                                     Loss loss, double loss_scale, bool further_board) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
-        return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board);
+        if constexpr (FixedLens<L>)
+          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board);
+        else
+          PLUMBLINE_CHECK(false, "a lens with sparse derivatives has make_sparse_cost()");
       },
       lens);
 }

@@ -29,6 +29,12 @@ struct Rho {
 };
 Rho rho(Loss loss, double scale, double s);
 
+/// f = sqrt(rho(s) / s), with which a residual is scaled so that its square is rho, and df/ds.
+struct Scaling {
+  double f = 1, f_s = 0;
+};
+Scaling scaling_of(Loss loss, double scale, double s);
+
 /// The cost of one view: 2n residuals over the blocks [lens parameters | T_cam_rig (7) | T_rig_board (7)],
 /// and of a view of a further board [... | T_board0_board (7)].
 ///
@@ -41,6 +47,7 @@ Rho rho(Loss loss, double scale, double s);
 /// into the first six of the seven ambient columns and zero into the last.
 ///
 /// Evaluate returns false when any corner leaves the lens' domain: Ceres then rejects the step.
+/// PLUMBLINE_CHECK: not for a lens with sparse derivatives (sparse_cost.hpp).
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
                                                     Loss loss, double loss_scale, bool further_board = false);
 

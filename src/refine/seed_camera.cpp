@@ -32,12 +32,14 @@ Dataset with_views(const Dataset& mono, const std::vector<int>& views) {
   return subset;
 }
 
-// Which parameters are free while the lens is still far off: focal lengths and the first radial term, then
+// Which parameters are free while the lens is still far off: focal lengths and the first radial term (a shape
+// of the sphere is one too), then
 // all but the high orders (which would otherwise fit the error of the start and fold the image back over
 // itself), then all.
 bool free_at_stage(std::string_view name, int stage) {
   if (stage >= 2) return true;
-  if (stage == 0) return name == "fx" || name == "fy" || name == "k1";
+  if (stage == 0)
+    return name == "fx" || name == "fy" || name == "k1" || name == "alpha" || name == "w" || name == "lambda";
   return name != "k3" && name != "k4" && name != "k5" && name != "k6" && name.front() != 's';
 }
 
@@ -217,7 +219,8 @@ void warn_of_lean_lens(Calibration& cal, const Calibration& fisheye) {
            lens_name(camera.lens), camera.name, lean_px, fisheye_px)});
 }
 
-// What is said of fx fy cx cy, for another lens with `n` parameters.
+}  // namespace
+
 Constraints of_matrix_alone(const Constraints& constraints, int n) {
   Constraints c = slice(constraints, 0, 4);
   c.held.resize(static_cast<std::size_t>(n), false);
@@ -225,14 +228,13 @@ Constraints of_matrix_alone(const Constraints& constraints, int n) {
   return c;
 }
 
-}  // namespace
-
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
                                 const RefineOptions& options, const Constraints& constraints) {
   const ImageSize size = mono.cameras[0].size;
+  const auto plain = make_lens(lens_name, size, size.width);
+  if (plain && is_sparse(*plain)) return seed_sparse(mono, lens_name, options, constraints);
   const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
   std::optional<Calibration> best = calibrate_on(mono, subset, lens_name, options, constraints);
-  const auto plain = make_lens(lens_name, size, size.width);
   if (plain && is_central_perspective(*plain) && (!best || is_doubtful(*best))) {
     if (const auto fisheye = calibrate_on(mono, subset, "kb4", options, of_matrix_alone(constraints, 8))) {
       auto cal = by_way_of_fisheye(*fisheye, lens_name, constraints);

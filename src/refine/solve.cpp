@@ -14,6 +14,7 @@
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 #include "refine/shared_block.hpp"
+#include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
 
@@ -57,7 +58,7 @@ namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
-void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+void hold_block(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
   std::vector<int> held;
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
@@ -66,6 +67,13 @@ void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const 
     problem.SetParameterBlockConstant(block);
   else if (!held.empty())
     problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+}
+
+// A lens with sparse derivatives has its core in a block of its own.
+void hold_lens(ceres::Problem& problem, const Lens& lens, double* k, int offset, const SolveSpec& spec) {
+  const int n = n_params(lens), n_first = is_sparse(lens) ? 4 : n;
+  hold_block(problem, k, n_first, offset, spec);
+  if (n_first < n) hold_block(problem, k + n_first, n - n_first, offset + n_first, spec);
 }
 
 void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
@@ -171,8 +179,8 @@ bool has_ties(const SolveSpec& spec) {
   return false;
 }
 
-// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many cameras,
-// because each view's Jacobian then has the columns of all, but the manifold says it all.
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many
+// cameras, because each view's Jacobian then has the columns of all, but the manifold says it all.
 void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
   const Offsets offsets = offsets_of(cal);
   const Reduction reduction = reduction_of(spec, offsets.total);
@@ -230,68 +238,78 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
-}  // namespace
+// What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
+// derivatives has a cost for each corner, and its core in a block of its own.
+struct ViewBlocks {
+  std::vector<std::unique_ptr<ceres::CostFunction>> costs;
+  std::vector<double*> parameters;
+};
+ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view,
+                       std::vector<Observation> observations, Blocks& blocks, const SolveSpec& spec) {
+  double *k = blocks.lens(view.cam), *T_rig_board = blocks.T_rig_board(view.frame);
+  ViewBlocks list{{}, {k}};
+  if (is_sparse(*lens)) {
+    for (const Observation& o : observations)
+      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0));
+    list.parameters.push_back(k + 4);
+  } else {
+    list.costs.push_back(
+        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0));
+  }
+  list.parameters.insert(list.parameters.end(), {blocks.T_cam_rig(view.cam), T_rig_board});
+  if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
+  if (!has_ties(spec)) return list;
+  std::vector<int> at;
+  for (const double* block : list.parameters)
+    at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+  for (auto& cost : list.costs) cost = merge_blocks(std::move(cost), at, blocks.n_shared());
+  list.parameters = {blocks.shared(), T_rig_board};
+  return list;
+}
 
-SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
-  Blocks blocks(cal);
-  ceres::Problem problem;
-  auto* ordering = new ceres::ParameterBlockOrdering;
+// All views with their manifolds and the order of elimination.
+void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering, Blocks& blocks,
+               const Calibration& cal, const SolveSpec& spec, std::vector<int>& n_residuals) {
   const Offsets offsets = offsets_of(cal);
   const bool tied = has_ties(spec);
+  std::vector<std::shared_ptr<Lens>> lenses;
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(std::make_shared<Lens>(camera.lens));
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
-    const Lens& lens = cal.rig.cameras[cam].lens;
-    double* k = blocks.lens(cam);
-    double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0);
-    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
-    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
-    if (tied) {
-      std::vector<int> at;
-      for (const double* block : parameters)
-        at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
-      cost = merge_blocks(std::move(cost), std::move(at), blocks.n_shared());
-      parameters = {blocks.shared(), T_rig_board};
-    }
-    problem.AddResidualBlock(cost.release(), nullptr, parameters);
+    n_residuals[cam] += 2 * static_cast<int>(observations.size());
+    ViewBlocks view = view_blocks(lenses[cam], cal.data.views[v], std::move(observations), blocks, spec);
+    for (auto& cost : view.costs) problem.AddResidualBlock(cost.release(), nullptr, view.parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
-    ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    ordering.AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
     if (tied) continue;
     if (target > 0 && !board_seen[target]) {
       board_seen[target] = true;
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
-      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
+      ordering.AddElementToGroup(blocks.T_board0_board(target), 1);
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
-    ordering->AddElementToGroup(k, 1);
+    hold_lens(problem, *lenses[cam], blocks.lens(cam), offsets.lens[cam], spec);
+    ordering.AddElementToGroup(blocks.lens(cam), 1);
     if (cam == 0)
-      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
+      problem.SetParameterBlockConstant(blocks.T_cam_rig(cam));  // the rig's frame is camera 0's
     else
-      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
-    ordering->AddElementToGroup(T_cam_rig, 1);
+      hold_pose(problem, blocks.T_cam_rig(cam), offsets.pose[cam], spec);
+    ordering.AddElementToGroup(blocks.T_cam_rig(cam), 1);
   }
-  if (problem.NumResiduals() > 0 && tied) {
-    tie_shared(problem, blocks, cal, spec);
-    ordering->AddElementToGroup(blocks.shared(), 1);
-  }
-  add_priors(problem, blocks, cal, spec);
-  ceres::Solver::Options options = solver_options(spec);
-  options.linear_solver_ordering.reset(ordering);
-  if (problem.NumResidualBlocks() == static_cast<int>(tied ? spec.priors.size() : 0))
-    return {.termination = "no corner to use"};
-  ceres::Solver::Summary summary;
-  const QuietLog quiet;
-  ceres::Solve(options, &problem, &summary);
-  blocks.write_to(cal);
+  if (!tied || problem.NumResiduals() == 0) return;
+  tie_shared(problem, blocks, cal, spec);
+  ordering.AddElementToGroup(blocks.shared(), 1);
+}
+
+SolveReport report_of(const ceres::Solver::Summary& summary, const Calibration& cal) {
   SolveReport report;
   report.usable = summary.IsSolutionUsable() && all_finite(cal);
   report.converged = summary.termination_type == ceres::CONVERGENCE;
@@ -299,6 +317,46 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   report.iterations = std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   report.termination = one_line(summary.message);
   return report;
+}
+
+// Which parameters a corner touches changes as it moves.
+void solve_sparsely(ceres::Solver::Options& options) {
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.dynamic_sparsity = true;
+  options.linear_solver_ordering.reset();
+}
+
+// `block`: the parameters after the core.
+void add_regularisation(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
+  const double scale = prior_scale(n_residuals, n_params(lens));
+  for (const PriorRow& row : priors(lens))
+    problem.AddResidualBlock(make_prior_cost(row, n_params(lens), scale).release(), nullptr, block);
+}
+
+}  // namespace
+
+SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
+  Blocks blocks(cal);
+  ceres::Problem problem;
+  auto* ordering = new ceres::ParameterBlockOrdering;
+  ceres::Solver::Options options = solver_options(spec);
+  options.linear_solver_ordering.reset(ordering);
+  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
+  add_views(problem, *ordering, blocks, cal, spec, n_residuals);
+  for (std::size_t cam = 0; cam < n_residuals.size(); ++cam) {
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    if (n_residuals[cam] == 0 || !is_sparse(lens)) continue;
+    if (has_ties(spec)) return {.termination = "parameters cannot be tied in a rig with a splined lens"};
+    add_regularisation(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
+    solve_sparsely(options);
+  }
+  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  add_priors(problem, blocks, cal, spec);
+  ceres::Solver::Summary summary;
+  const QuietLog quiet;
+  ceres::Solve(options, &problem, &summary);
+  blocks.write_to(cal);
+  return report_of(summary, cal);
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
@@ -321,6 +379,13 @@ int evaluate(Calibration& cal) {
     }
   }
   return n_lost;
+}
+
+void hold_cores(const Rig& rig, std::vector<bool>& held) {
+  const Offsets offsets = offsets_of(rig);
+  for (std::size_t cam = 0; cam < rig.cameras.size(); ++cam) {
+    if (holds_core(rig.cameras[cam].lens)) std::fill_n(held.begin() + offsets.lens[cam], 4, true);
+  }
 }
 
 }  // namespace plumbline::detail

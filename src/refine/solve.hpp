@@ -51,7 +51,8 @@ struct SolveReport {
 /// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
-/// The reference: Ceres on one thread, one cost for each view.
+/// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for
+/// each corner, and the lens' own regularisation (make_prior_cost()), which is then part of the cost.
 SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
@@ -80,9 +81,9 @@ Reduction reduction_of(const SolveSpec& spec, int n_shared);
 VecX shared_values(const Calibration& calibration);
 void set_shared_value(Calibration& calibration, int index, double value);
 
-/// The priors as residuals r = prior_weight * (value of the parameter - value of the prior) / sigma, and their
-/// derivatives J by the STEP of each shared parameter (box_plus for poses): one row each. Their share of the
-/// cost is r'r / 2.
+/// The priors as residuals r = prior_weight * (value of the parameter - value of the prior) / sigma, and
+/// their derivatives J by the STEP of each shared parameter (box_plus for poses): one row each. Their share
+/// of the cost is r'r / 2.
 struct PriorRows {
   VecX r;
   MatX J;
@@ -95,9 +96,10 @@ int evaluate(Calibration& calibration);
 
 /// Covariance of the shared parameters for a variance of 1 of each (robustified) residual coordinate: the
 /// inverse of the reduced normal matrix S = H_ss - sum_f H_sf H_ff^-1 H_fs, where f runs over the board
-/// poses, and the priors' rows are part of J. Rows and columns of held parameters are zero, those of tied ones
-/// equal. Directions that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of S scaled to a unit
-/// diagonal) get that bound as their eigenvalue, so that their variance is huge but finite.
+/// poses, and the priors' rows are part of J. Rows and columns of held parameters are zero, those of tied
+/// ones equal. Directions that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of
+/// S scaled to a unit diagonal) get that bound as their eigenvalue, so that their variance is huge but
+/// finite.
 struct SharedCovariance {
   MatX unit_covariance;
   VecX
@@ -107,5 +109,8 @@ struct SharedCovariance {
   int n_residuals = 0, n_free = 0;
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);
+
+/// Holds fx fy cx cy of the lenses whose other parameters can express them.
+void hold_cores(const Rig& rig, std::vector<bool>& held);
 
 }  // namespace plumbline::detail

@@ -13,6 +13,8 @@ namespace {
 
 constexpr int kNeighbours = 16;
 constexpr std::size_t kLeastCorners = 12;
+constexpr int kRounds = 12;               // of weighted least squares, towards least absolute errors
+constexpr double kMedianLength = 1.1774;  // of a two-dimensional Gaussian error, in standard deviations
 constexpr double kShareOfSpacing = 0.1, kSigmas = 6, kMostSuspects = 0.4;
 
 // Where the target's points lie in their plane; nullopt when that is not a plane of constant z.
@@ -88,45 +90,51 @@ class Polynomial {
   std::array<std::array<double, N>, 2> b_{};
 };
 
-// Whether one smooth surface passes all corners within a bound: then nothing is grossly wrong, which is so in
-// nearly every view, and the costly look at each corner can be spared.
-bool is_smooth(const View& view, const std::vector<Vec2>& board, double bound_px) {
-  constexpr int kTerms = 15;  // degree 4
-  if (board.size() < 3 * kTerms) return false;
-  Vec2 low = board[0], high = board[0];
-  for (const Vec2& p : board) low = low.cwiseMin(p), high = high.cwiseMax(p);
-  const Vec2 middle = 0.5 * (low + high);
-  const double half = 0.5 * (high - low).maxCoeff();
-  Polynomial<kTerms> surface;
-  std::vector<std::array<double, kTerms>> m;
-  for (std::size_t i = 0; i < board.size(); ++i) {
-    const Vec2 u = (board[i] - middle) / half;
-    m.push_back(monomials<kTerms>(u.x(), u.y()));
-    surface.add(m.back(), view.corners[i].px, 1);
-  }
-  if (!surface.solve()) return false;
-  for (std::size_t i = 0; i < board.size(); ++i) {
-    if (!((surface.at(m[i]) - view.corners[i].px).norm() < bound_px)) return false;
-  }
-  return true;
-}
-
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
 
+// How far each corner is from one smooth surface over the whole board; empty where the corners do not
+// determine it. \param n_rounds  1: least squares; more: least absolute errors
+// \tparam N  terms of the polynomial
+template <int N>
+std::vector<double> off_surface(const View& view, const std::vector<Vec2>& board, int n_rounds) {
+  if (board.size() < 3 * N) return {};
+  Vec2 low = board[0], high = board[0];
+  for (const Vec2& p : board) low = low.cwiseMin(p), high = high.cwiseMax(p);
+  const Vec2 middle = 0.5 * (low + high);
+  const double half = 0.5 * (high - low).maxCoeff();
+  std::vector<std::array<double, N>> m;
+  for (const Vec2& p : board) {
+    const Vec2 u = (p - middle) / half;
+    m.push_back(monomials<N>(u.x(), u.y()));
+  }
+  std::vector<double> off(board.size()), w(board.size(), 1.0);
+  for (int round = 0; round < n_rounds; ++round) {
+    Polynomial<N> surface;
+    for (std::size_t i = 0; i < board.size(); ++i) surface.add(m[i], view.corners[i].px, w[i]);
+    if (!surface.solve()) return {};
+    for (std::size_t i = 0; i < board.size(); ++i) {
+      off[i] = (surface.at(m[i]) - view.corners[i].px).norm();
+      w[i] = 1 / (off[i] + 0.1);
+    }
+  }
+  return off;
+}
+
 struct Judged {
   double off_px = 0, spacing_px = 0;
 };
 
-// How far corner `i` is from what its neighbours say, and the typical distance of corners as near to one another
-// as the nearest are.
-Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i) {
+// How far corner `i` is from what its neighbours say (those in `without` are not asked), and the typical
+// distance of corners as near to one another as the nearest are.
+Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i,
+             const std::vector<bool>& without) {
   std::vector<std::pair<double, std::size_t>> near;
   for (std::size_t j = 0; j < board.size(); ++j) {
-    if (j != i) near.emplace_back((board[j] - board[i]).squaredNorm(), j);
+    if (j != i && !without[j]) near.emplace_back((board[j] - board[i]).squaredNorm(), j);
   }
   const auto n = std::min<std::size_t>(kNeighbours, near.size());
   std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(n), near.end());
@@ -144,7 +152,7 @@ Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i) {
   const double spacing = median(scales);
   std::vector<double> w(n, 1.0);
   Vec2 predicted = view.corners[i].px;
-  for (int round = 0; round < 12; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     Polynomial<6> p;
     for (std::size_t k = 0; k < n; ++k) p.add(m[k], view.corners[near[k].second].px, w[k]);
     if (!p.solve()) return {0, spacing};  // neighbours on two lines: nothing can be said
@@ -154,6 +162,11 @@ Judged judge(const View& view, const std::vector<Vec2>& board, std::size_t i) {
       w[k] = 1 / ((p.at(m[k]) - view.corners[near[k].second].px).norm() + 1e-3 * spacing);
   }
   return {(predicted - view.corners[i].px).norm(), spacing};
+}
+
+bool too_many(const std::vector<bool>& suspects) {
+  const auto n = std::count(suspects.begin(), suspects.end(), true);
+  return static_cast<double>(n) > kMostSuspects * static_cast<double>(suspects.size());
 }
 
 }  // namespace
@@ -167,22 +180,30 @@ std::vector<bool> suspect_corners(const Target& target, const View& view) {
   std::vector<double> steps;
   for (std::size_t i = 1; i < board->size(); ++i)
     steps.push_back((view.corners[i].px - view.corners[i - 1].px).norm());
-  if (is_smooth(view, *board, 0.5 * kShareOfSpacing * median(steps))) return suspects;
-  std::vector<Judged> judged;
-  std::vector<double> off;
-  for (std::size_t i = 0; i < board->size(); ++i) {
-    judged.push_back(judge(view, *board, i));
-    off.push_back(judged.back().off_px);
+  const double step = median(steps);
+  const std::vector<double> smooth = off_surface<15>(view, *board, 1);
+  const auto is_small = [&](double off) { return off < 0.5 * kShareOfSpacing * step; };
+  if (!smooth.empty() && std::all_of(smooth.begin(), smooth.end(), is_small)) return suspects;
+  // A whole row that is wrong agrees with itself: only the whole board tells. Of eight rows the first one
+  // bends a polynomial of second degree only at 2.2 times the cost (in absolute errors) of leaving it out;
+  // one of fourth degree would follow it.
+  const std::vector<double> off_board = off_surface<6>(view, *board, kRounds);
+  for (std::size_t i = 0; i < off_board.size(); ++i)
+    suspects[i] = off_board[i] > std::max(step, kSigmas * median(off_board) / kMedianLength);
+  // Twice, the second time without what the first one found: a right corner among wrong ones is no suspect.
+  for (int pass = 0; pass < 2; ++pass) {
+    if (too_many(suspects)) break;
+    std::vector<Judged> judged;
+    std::vector<double> off;
+    for (std::size_t i = 0; i < board->size(); ++i) {
+      judged.push_back(judge(view, *board, i, suspects));
+      off.push_back(judged.back().off_px);
+    }
+    const double sigma = median(off) / kMedianLength;
+    for (std::size_t i = 0; i < board->size(); ++i)
+      suspects[i] = judged[i].off_px > std::max(kSigmas * sigma, kShareOfSpacing * judged[i].spacing_px);
   }
-  // The median length of a two-dimensional Gaussian error is 1.1774 standard deviations.
-  const double sigma = median(off) / 1.1774;
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < board->size(); ++i) {
-    suspects[i] = judged[i].off_px > std::max(kSigmas * sigma, kShareOfSpacing * judged[i].spacing_px);
-    n += suspects[i];
-  }
-  if (static_cast<double>(n) > kMostSuspects * static_cast<double>(suspects.size()))
-    suspects.assign(suspects.size(), false);
+  if (too_many(suspects)) suspects.assign(suspects.size(), false);
   return suspects;
 }
 

@@ -66,15 +66,37 @@ bool all_planar(const Calibration& cal) {
 
 constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
 
+// The scale of the image at its centre along x and y [px/rad], which is what a focal length means: fx and fy
+// themselves for most lenses, fx / (1 + xi) for a sphere seen from xi above its centre.
+Vec2 centre_scale(const Lens& lens) {
+  Mat23 J_px_p;
+  if (!project(lens, Vec3(0, 0, 1), &J_px_p)) return Vec2(params(lens)[0], params(lens)[1]);
+  return {J_px_p(0, 0), J_px_p(1, 1)};
+}
+
+// Covariance of that scale and of cx, cy.
+Mat4 centre_covariance(const Lens& lens, const MatX& covariance, int offset) {
+  const int n = n_params(lens);
+  MatX G = MatX::Zero(4, n);
+  G(2, 2) = G(3, 3) = 1;
+  for (int i = 0; i < n; ++i) {
+    Lens up = lens, down = lens;
+    const double h = 1e-6 * std::max(1.0, std::abs(params(lens)[i]));
+    params(up)[i] += h, params(down)[i] -= h;
+    G.col(i).head<2>() = (centre_scale(up) - centre_scale(down)) / (2 * h);
+  }
+  return G * covariance.block(offset, offset, n, n) * G.transpose();
+}
+
 // Directions of (fx, fy, cx, cy) in units of the focal lengths and the image's width.
 void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset,
                    const std::vector<std::string>& names) {
   const Camera& camera = cal.rig.cameras[cam];
-  const auto k = params(camera.lens);
+  const Vec2 f = centre_scale(camera.lens);
   const double width = camera.size.width;
-  const VecX scale = Vec4(1 / k[0], 1 / k[1], 1 / width, 1 / width);
+  const VecX scale = Vec4(1 / f.x(), 1 / f.y(), 1 / width, 1 / width);
   const SymEigen eigen =
-      sym_eigen(scale.asDiagonal() * covariance.block(offset, offset, 4, 4) * scale.asDiagonal());
+      sym_eigen(scale.asDiagonal() * centre_covariance(camera.lens, covariance, offset) * scale.asDiagonal());
   const Tilts tilts = tilts_of(cal, cam);
   const bool all_alike = all_planar(cal) && tilts.spread_deg < kWeakSpreadDeg;
   for (int i = 3; i >= 0; --i) {
@@ -101,11 +123,13 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   }
 }
 
-// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance alone.
+// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance
+// alone.
 Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset,
                       const std::vector<PriorTerm>& priors) {
   const Camera& camera = cal.rig.cameras[cam];
-  const double fx = params(camera.lens)[0], sigma = std::sqrt(covariance(offset, offset));
+  const double fx = centre_scale(camera.lens).x(),
+               sigma = std::sqrt(centre_covariance(camera.lens, covariance, offset)(0, 0));
   const Tilts tilts = tilts_of(cal, cam);
   const bool has_prior = std::any_of(priors.begin(), priors.end(), [&](const PriorTerm& prior) {
     return prior.index == offset || prior.index == offset + 1;
@@ -140,6 +164,11 @@ std::pair<std::string, int> describe_direction(const VecX& direction, const std:
 }
 
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
+  // Thousands of parameters of which no one means anything: neither a covariance nor weak directions.
+  cal.covariance.reset();
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return {};
+  }
   const std::vector<std::string> names = shared_parameter_names(cal);
   const SharedCovariance c = shared_covariance(cal, spec);
   cal.covariance = c.variance * c.unit_covariance;

@@ -29,8 +29,8 @@ Result<std::vector<int>> match_cameras(const Dataset& old, const Dataset& more) 
                  "camera " + info.name);
     }
     if (!(at->size == info.size))
-      return bad(fmt::format("its images are {}x{}, the earlier ones {}x{}", info.size.width, info.size.height,
-                             at->size.width, at->size.height),
+      return bad(fmt::format("its images are {}x{}, the earlier ones {}x{}", info.size.width,
+                             info.size.height, at->size.width, at->size.height),
                  "camera " + info.name);
     matches.push_back(static_cast<int>(at - old.cameras.begin()));
   }
@@ -91,9 +91,10 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
   if (!there.empty() && !replace) {
     std::vector<std::string> named(there.begin(), there.end());
     if (named.size() > 5) named.resize(5);
-    return bad(fmt::format("{} of the new images are there already ({}{}); leave them away, or have them replaced",
-                           there.size(), join(named, ", "), there.size() > named.size() ? ", ..." : ""),
-               "views");
+    return bad(
+        fmt::format("{} of the new images are there already ({}{}); leave them away, or have them replaced",
+                    there.size(), join(named, ", "), there.size() > named.size() ? ", ..." : ""),
+        "views");
   }
   for (View view : more.views) {
     int& frame = frame_of[view.frame];

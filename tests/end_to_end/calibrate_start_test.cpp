@@ -63,9 +63,10 @@ TEST_F(CalibrateStart, WrongPartsAreNamed) {
 TEST_F(CalibrateStart, StartsFromCameraFiles) {
   ASSERT_EQ(calibrate(corners()).exit_code, 0);
   const Calibration plain = result();
-  ASSERT_EQ(plumbline("convert " + (dir / "truth.yaml").string() + " --to mrcal -o " + (dir / "mrcal").string())
-                .exit_code,
-            0);
+  ASSERT_EQ(
+      plumbline("convert " + (dir / "truth.yaml").string() + " --to mrcal -o " + (dir / "mrcal").string())
+          .exit_code,
+      0);
   for (const std::string& start : {dir / "truth.yaml", dir / "mrcal"}) {
     const Run done = calibrate(corners() + " --start " + start);
     ASSERT_EQ(done.exit_code, 0) << done.err;

@@ -10,7 +10,6 @@
 namespace plumbline::test {
 namespace {
 
-using detail::Constraints;
 using ::testing::HasSubstr;
 
 // OpenCV takes float points: a board and pixels that a float holds exactly, seen whole by all cameras.
@@ -30,8 +29,7 @@ Calibration float_problem(int n_cams, std::uint64_t seed = 3, int n_frames = 12)
       }
       return n < n_cams;
     });
-    for (Corner& c : view.corners)
-      c.px = Vec2(static_cast<float>(c.px.x()), static_cast<float>(c.px.y()));
+    for (Corner& c : view.corners) c.px = Vec2(static_cast<float>(c.px.x()), static_cast<float>(c.px.y()));
   }
   for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
     const auto n = std::count_if(cal.data.views.begin(), cal.data.views.end(), [&](const View& view) {
@@ -82,7 +80,7 @@ struct MonoCase {
 
 class Referee : public ::testing::TestWithParam<MonoCase> {};
 
-// Both stop far below 1e-6 of the parameters; OpenCV's own steps are the coarser ones.
+// Both stop far below 1e-6 of the parameters. OpenCV sums its RMS of float residuals: 4e-7 of it.
 TEST_P(Referee, OpenCvFindsTheSameOptimum) {
   const MonoCase& c = GetParam();
   Calibration start = float_problem(1);
@@ -102,7 +100,7 @@ TEST_P(Referee, OpenCvFindsTheSameOptimum) {
     options.solver = solver;
     const auto cal = refine(start, options);
     ASSERT_TRUE(cal) << cal.error().text();
-    EXPECT_NEAR(cal->stats.rms_px, rms, 1e-9);
+    EXPECT_NEAR(cal->stats.rms_px, rms, 1e-6 * rms);
     const auto ours = params(cal->rig.cameras[0].lens);
     EXPECT_NEAR(ours[0], K.at<double>(0, 0), 1e-6 * ours[0]);
     EXPECT_NEAR(ours[1], K.at<double>(1, 1), 1e-6 * ours[1]);
@@ -123,52 +121,59 @@ INSTANTIATE_TEST_SUITE_P(
         MonoCase{"FocalLength", cv::CALIB_FIX_FOCAL_LENGTH, {"fx=560", "cam0 fy"}, {}},
         MonoCase{"ZeroTangent", cv::CALIB_ZERO_TANGENT_DIST, {"p1=0", "cam0.p2=0"}, {}},
         MonoCase{"GivenK", cv::CALIB_FIX_FOCAL_LENGTH | cv::CALIB_FIX_PRINCIPAL_POINT, {"K"}, {}},
-        MonoCase{"All", cv::CALIB_FIX_ASPECT_RATIO | cv::CALIB_ZERO_TANGENT_DIST | cv::CALIB_FIX_PRINCIPAL_POINT,
-                 {"p1=0", "p2=0", "cx", "cy"}, {"cam0 fy=cam0 fx"}}),
+        MonoCase{"All",
+                 cv::CALIB_FIX_ASPECT_RATIO | cv::CALIB_ZERO_TANGENT_DIST | cv::CALIB_FIX_PRINCIPAL_POINT,
+                 {"p1=0", "p2=0", "cx", "cy"},
+                 {"cam0 fy=cam0 fx"}}),
     [](const auto& kind) { return std::string(kind.param.name); });
 
-struct StereoCase {
-  const char* name;
-  int flags;
-  std::vector<std::string> fixed, ties;
-};
-
-class StereoReferee : public ::testing::TestWithParam<StereoCase> {};
-
-TEST_P(StereoReferee, OpenCvFindsTheSameOptimum) {
-  const StereoCase& c = GetParam();
+TEST(Constraints, StereoCalibrateFindsTheSameRigForGivenLenses) {
   const Calibration start = float_problem(2);
   RefineOptions options;
   options.mark_outliers = false;
-  options.fixed = c.fixed;
-  options.ties = c.ties;
+  options.fixed = {"cam0", "cam1.lens"};
   const Points left = points_of(start, 0), right = points_of(start, 1);
   cv::Mat K0 = K_of(start.rig.cameras[0].lens), K1 = K_of(start.rig.cameras[1].lens);
   cv::Mat D0 = D_of(start.rig.cameras[0].lens), D1 = D_of(start.rig.cameras[1].lens), R, T, E, F;
-  const double rms = cv::stereoCalibrate(left.board, left.px, right.px, K0, D0, K1, D1, {640, 480}, R, T, E, F,
-                                         c.flags, kTight);
+  const double rms = cv::stereoCalibrate(left.board, left.px, right.px, K0, D0, K1, D1, {640, 480}, R, T, E,
+                                         F, cv::CALIB_FIX_INTRINSIC, kTight);
   for (const Solver solver : {Solver::kBlocks, Solver::kCeres}) {
     options.solver = solver;
     const auto cal = refine(start, options);
     ASSERT_TRUE(cal) << cal.error().text();
-    EXPECT_NEAR(cal->stats.rms_px, rms, 1e-8);
-    EXPECT_NEAR(params(cal->rig.cameras[0].lens)[0], K0.at<double>(0, 0), 1e-6 * 550);
-    EXPECT_NEAR(params(cal->rig.cameras[1].lens)[0], K1.at<double>(0, 0), 1e-6 * 550);
-    EXPECT_NEAR(params(cal->rig.cameras[1].lens)[1], K1.at<double>(1, 1), 1e-6 * 550);
+    EXPECT_NEAR(cal->stats.rms_px, rms, 1e-6 * rms);
     for (int i = 0; i < 3; ++i) EXPECT_NEAR(cal->rig.T_cam_rig[1].t()[i], T.at<double>(i), 1e-7);
+    EXPECT_EQ(params(cal->rig.cameras[1].lens)[0], params(start.rig.cameras[1].lens)[0]);
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Constraints, StereoReferee,
-    ::testing::Values(
-        StereoCase{"GivenLenses", cv::CALIB_FIX_INTRINSIC, {"cam0", "cam1.lens"}, {}},
-        StereoCase{"SameFocalLength",
-                   cv::CALIB_USE_INTRINSIC_GUESS | cv::CALIB_SAME_FOCAL_LENGTH | cv::CALIB_FIX_PRINCIPAL_POINT |
-                       cv::CALIB_ZERO_TANGENT_DIST,
-                   {"cx", "cy", "p1=0", "p2=0"},
-                   {"cam0 fx=cam1 fx", "cam0 fy=cam1 fy"}}),
-    [](const auto& kind) { return std::string(kind.param.name); });
+// OpenCV's CALIB_SAME_FOCAL_LENGTH ends above this optimum, so the cost itself is the referee: with fx of
+// both cameras held at values around the tied one it is a parabola whose vertex is the tied optimum.
+TEST(Constraints, ATieAcrossCamerasIsTheMinimumOverTheSharedValue) {
+  const Calibration start = float_problem(2);
+  RefineOptions options;
+  options.mark_outliers = false;
+  const auto square_at = [&](std::optional<double> fx) {
+    options.ties.clear();
+    options.fixed.clear();
+    if (fx)
+      options.fixed = {"fx=" + format_double(*fx)};
+    else
+      options.ties = {"cam0 fx=cam1 fx"};
+    const auto cal = refine(start, options);
+    EXPECT_TRUE(cal) << cal.error().text();
+    return std::pair(cal->stats.rms_px * cal->stats.rms_px, params(cal->rig.cameras[1].lens)[0]);
+  };
+  for (const Solver solver : {Solver::kBlocks, Solver::kCeres}) {
+    options.solver = solver;
+    const auto [least, fx] = square_at(std::nullopt);
+    const double step = 0.5, below = square_at(fx - step).first, above = square_at(fx + step).first;
+    EXPECT_NEAR(square_at(fx).first, least, 1e-11 * least);
+    EXPECT_GT(std::min(below, above), least);
+    // The cubic term of the cost moves the vertex by its share of the step squared.
+    EXPECT_NEAR(0.5 * step * (below - above) / (below - 2 * least + above), 0, 2e-3);
+  }
+}
 
 // With everything in the rig given, the lenses of the two cameras still hang together by the boards.
 TEST(Constraints, AGivenRigStays) {
@@ -201,15 +206,39 @@ TEST(Constraints, TiesReachAcrossPosesAndLenses) {
   EXPECT_EQ(rig.T_cam_rig[1].t().x(), rig.T_cam_rig[2].t().x());
   EXPECT_NEAR(so3_log(rig.T_cam_rig[1].R()).x(), -0.02, 1e-12);
   const MatX& C = *cal->covariance;
-  EXPECT_EQ(C.row(0), C.row(9));    // fx of the first two
-  EXPECT_EQ(C.row(1), C.row(18));   // fy of the first, fx of the third
-  EXPECT_EQ(C(27, 27), 0);          // r_x
+  EXPECT_EQ(C.row(0), C.row(9));   // fx of the first two
+  EXPECT_EQ(C.row(1), C.row(18));  // fy of the first, fx of the third
+  EXPECT_EQ(C(27, 27), 0);         // r_x
   EXPECT_GT(C(28, 28), 0);
   EXPECT_EQ(C.row(30), C.row(36));  // t_x
 }
 
+// The change from one calibration to another in steps of the shared parameters.
+VecX step_between(const Calibration& a, const Calibration& b) {
+  VecX d = detail::shared_values(b) - detail::shared_values(a);
+  const detail::Offsets offsets = detail::offsets_of(a);
+  for (std::size_t cam = 1; cam < offsets.pose.size(); ++cam)
+    d.segment<6>(offsets.pose[cam]) = box_minus(b.rig.T_cam_rig[cam], a.rig.T_cam_rig[cam]);
+  return d;
+}
+
+// How parameter i grows with each step, by differences.
+VecX slope_of(const Calibration& cal, int i) {
+  const VecX x = detail::shared_values(cal);
+  const detail::Offsets offsets = detail::offsets_of(cal);
+  VecX g = VecX::Zero(x.size());
+  g[i] = 1;
+  const int at = offsets.pose[1];
+  for (int k = 0; k < 6 && i >= at; ++k) {
+    Calibration moved = cal;
+    moved.rig.T_cam_rig[1] = box_plus(cal.rig.T_cam_rig[1], 1e-6 * Vec6::Unit(k));
+    g[at + k] = (detail::shared_values(moved)[i] - x[i]) / 1e-6;
+  }
+  return g;
+}
+
 // A prior of the width that the corners know a parameter to: to first order the two are fused as Gaussians,
-// x + C e (v - x_i) / (C_ii + s^2), C - C e e' C / (C_ii + s^2), and the scatter of the corners stays.
+// d = C g (v - x_i) / (g'C g + s^2), C - C g g'C / (g'C g + s^2), and the scatter of the corners stays.
 TEST(Constraints, APriorIsFusedWithTheCorners) {
   Calibration start = float_problem(2, 5);
   RefineOptions options;
@@ -219,22 +248,22 @@ TEST(Constraints, APriorIsFusedWithTheCorners) {
   const std::vector<std::string> names = shared_parameter_names(start);
   for (const std::string name : {"cam0 fx", "cam1 k1", "cam1 r_y", "cam1 t_z"}) {
     const int i = static_cast<int>(std::find(names.begin(), names.end(), name) - names.begin());
-    // For r_y the step and the rotation vector differ by less than the tolerance: the turn is small.
-    const VecX x = detail::shared_values(*without);
+    const VecX g = slope_of(*without, i);
     const MatX& C = *without->covariance;
-    const double sigma = std::sqrt(C(i, i)), value = x[i] + 2 * sigma;
+    const double variance = g.dot(C * g), sigma = std::sqrt(variance),
+                 value = detail::shared_values(*without)[i] + 2 * sigma;
     options.priors = {{name, value, sigma}};
-    const VecX fused = x + C.col(i) * ((value - x[i]) / (2 * C(i, i)));
-    const MatX C_fused = C - C.col(i) * C.row(i) / (2 * C(i, i));
+    const VecX fused = C * g * (2 * sigma / (2 * variance));
+    const MatX C_fused = C - C * g * (C * g).transpose() / (2 * variance);
     for (const Solver solver : {Solver::kBlocks, Solver::kCeres}) {
       options.solver = solver;
       const auto with = refine(start, options);
       ASSERT_TRUE(with) << with.error().text();
-      const VecX got = detail::shared_values(*with);
-      for (int k = 0; k < x.size(); ++k) {
-        // second order: a per cent of a sigma or two, and the scatter moves with one more residual of 1,000
-        EXPECT_NEAR(got[k], fused[k], 0.03 * std::sqrt(C(k, k))) << name << " moves " << names[k];
-        EXPECT_NEAR((*with->covariance)(k, k), C_fused(k, k), 0.03 * C(k, k)) << name << " " << names[k];
+      const VecX got = step_between(*without, *with);
+      for (int k = 0; k < got.size(); ++k) {
+        // second order: some per cent of a sigma, and the scatter moves with one more residual of 1,000
+        EXPECT_NEAR(got[k], fused[k], 0.05 * std::sqrt(C(k, k))) << name << " moves " << names[k];
+        EXPECT_NEAR((*with->covariance)(k, k), C_fused(k, k), 0.05 * C(k, k)) << name << " " << names[k];
       }
       ASSERT_EQ(with->stats.priors.size(), 1u);
       EXPECT_EQ(with->stats.priors[0].parameter, name);
@@ -296,7 +325,7 @@ TEST(Constraints, WhatIsKnownNeedsFewerViews) {
 TEST(Constraints, OnlyOneCameraMoves) {
   Calibration start = float_problem(3, 9);
   params(start.rig.cameras[1].lens)[0] += 10;
-  start.rig.T_cam_rig[1] = box_plus(start.rig.T_cam_rig[1], Vec6::Constant(0.002));
+  start.rig.T_cam_rig[1] = box_plus(start.rig.T_cam_rig[1], Vec6::Constant(0.01));
   RefineOptions options;
   options.only = {"cam1"};
   const auto cal = refine(start, options);
@@ -306,7 +335,7 @@ TEST(Constraints, OnlyOneCameraMoves) {
     EXPECT_EQ(cal->rig.T_cam_rig[cam], start.rig.T_cam_rig[cam]);
   }
   EXPECT_NEAR(params(cal->rig.cameras[1].lens)[0], 550, 3);
-  EXPECT_LT(box_minus(cal->rig.T_cam_rig[1], float_problem(3, 9).rig.T_cam_rig[1]).norm(), 2e-3);
+  EXPECT_LT(box_minus(cal->rig.T_cam_rig[1], float_problem(3, 9).rig.T_cam_rig[1]).norm(), 5e-3);
   options.only = {"cam0"};
   const auto refused = refine(start, options);
   ASSERT_FALSE(refused);

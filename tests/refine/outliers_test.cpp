@@ -14,7 +14,8 @@ const Chessboard kBoard{.columns = 11, .rows = 8, .square_m = 0.03};
 enum class Fault { kUniform, kNear, kSwapped, kShifted };
 
 // 5 % of the corners; each lens has its own random numbers, and the others keep their noise.
-Dataset spoil(const Dataset& clean, Fault fault, std::uint64_t seed, std::set<std::pair<int, int>>* wrong = {}) {
+Dataset spoil(const Dataset& clean, Fault fault, std::uint64_t seed,
+              std::set<std::pair<int, int>>* wrong = {}) {
   Dataset data = clean;
   Rng rng(seed + 77);
   for (std::size_t v = 0; v < data.views.size(); ++v) {
@@ -24,8 +25,10 @@ Dataset spoil(const Dataset& clean, Fault fault, std::uint64_t seed, std::set<st
       if (wrong) wrong->insert({static_cast<int>(v), i});
     };
     if (fault == Fault::kShifted) {
-      if (v != seed % data.views.size()) continue;
+      if (v < seed || n < 88 || (wrong && !wrong->empty()))
+        continue;  // the first row is that of the last, the others are right: the board may stand so
       for (int i = 0; i < n; ++i) corners[i].px = clean.views[v].corners[(i + n - 11) % n].px;
+      for (int i = 0; i < 11; ++i) note(i);
       continue;
     }
     for (int k = 0; k < (n + 10) / 20; k += fault == Fault::kSwapped ? 2 : 1) {
@@ -55,7 +58,8 @@ Scene scene_of(const std::string& lens, double fov_deg, std::uint64_t seed) {
 }
 
 TEST(Suspects, AreTheWrongCornersAndNoOthersUnderAnyLens) {
-  for (const auto& [lens, fov] : {std::pair{"opencv5", 60.0}, {"opencv8", 90.0}, {"kb4", 100.0}, {"kb4", 180.0}}) {
+  for (const auto& [lens, fov] :
+       {std::pair{"opencv5", 60.0}, {"opencv8", 90.0}, {"kb4", 100.0}, {"kb4", 180.0}}) {
     const Simulation sim = simulate(scene_of(lens, fov, 4));
     const Dataset clean = with_noise(sim.truth.data, 0.3, 5);
     for (const View& view : clean.views) {
@@ -118,8 +122,8 @@ TEST(Outliers, TheRuleLosesAsManyGoodCornersAsItSays) {
   EXPECT_EQ(detail::truncated_variance(40), 1);
 }
 
-// With a bound of 2 sigmas an eighth of the good corners is left out; the covariance is none the smaller for the
-// residuals that are missing, but larger for the corners that are.
+// With a bound of 2 sigmas an eighth of the good corners is left out; the covariance is none the smaller for
+// the residuals that are missing, but larger for the corners that are.
 TEST(Outliers, TheCovarianceKnowsThatTheTailsAreCutOff) {
   Calibration start = simulate(scene_of("pinhole", 60, 3)).truth;
   params(start.rig.cameras[0].lens)[3] = 239.5;
@@ -133,7 +137,8 @@ TEST(Outliers, TheCovarianceKnowsThatTheTailsAreCutOff) {
   ASSERT_TRUE(all && cut);
   const double lost = static_cast<double>(cut->stats.n_outliers) / all->stats.n_corners;
   EXPECT_NEAR(lost, std::exp(-2.0), 0.03);
-  EXPECT_NEAR(std::sqrt((*cut->covariance)(0, 0) / (*all->covariance)(0, 0)), std::sqrt(1 / (1 - lost)), 0.06);
+  EXPECT_NEAR(std::sqrt((*cut->covariance)(0, 0) / (*all->covariance)(0, 0)), std::sqrt(1 / (1 - lost)),
+              0.06);
 }
 
 // Counting the rows from one too far is consistent within the view, and contradicts the other camera's.
@@ -160,29 +165,37 @@ TEST(Outliers, AViewThatCountsFromAnotherRowIsDropped) {
   EXPECT_LT(box_minus(cal->rig.T_cam_rig[1], sim.truth.rig.T_cam_rig[1]).norm(), 2e-3);
 }
 
-// 5 % of wrong corners may cost a tenth of the accuracy; that they are missing alone costs 1 / sqrt(0.95).
-// bench/outliers does the same over 100 seeds.
-TEST(Outliers, WrongCornersHardlyChangeTheResult) {
-  for (const auto& [lens, fov] : {std::pair{"opencv5", 60.0}, {"kb4", 180.0}}) {
-    double without = 0;
-    std::array<double, 4> with{};
-    for (const std::uint64_t seed : {1, 2, 3}) {
-      const Simulation sim = simulate(scene_of(lens, fov, seed));
-      const Dataset clean = with_noise(sim.truth.data, 0.2, seed + 10);
-      RefineOptions options;
-      options.lenses = {lens};
-      const auto error = [&](const Dataset& data) {
-        const auto cal = calibrate(data, options);
-        EXPECT_TRUE(cal) << cal.error().text();
-        const auto diff =
-            compare_cameras(sim.truth.rig.cameras[0], cal->rig.cameras[0], Align::kRotation);
-        return diff ? diff->rms * diff->rms : 1e9;
-      };
-      without += error(clean);
-      for (const Fault fault : {Fault::kUniform, Fault::kNear, Fault::kSwapped, Fault::kShifted})
-        with[static_cast<std::size_t>(fault)] += error(spoil(clean, fault, seed));
+// With wrong corners the result is that of the right ones alone, to the solver's last digits: all of the
+// former and none of the latter are marked. So they cost what their absence costs, 1 / sqrt(0.95);
+// bench/outliers measures that over 100 seeds.
+TEST(Outliers, WrongCornersChangeNothingButTheirNumber) {
+  for (const auto& [lens, fov] : {std::pair{"opencv5", 60.0}, {"kb4", 100.0}, {"kb4", 180.0}}) {
+    const Simulation sim = simulate(scene_of(lens, fov, 2));
+    const Dataset clean = with_noise(sim.truth.data, 0.2, 12);
+    RefineOptions options;
+    options.lenses = {lens};
+    for (const Fault fault : {Fault::kUniform, Fault::kNear, Fault::kSwapped, Fault::kShifted}) {
+      std::set<std::pair<int, int>> wrong;
+      const Dataset data = spoil(clean, fault, 2, &wrong);
+      options.mark_outliers = true;
+      const auto cal = calibrate(data, options);
+      ASSERT_TRUE(cal) << cal.error().text();
+      Calibration right = *cal;
+      for (const auto& [v, i] : wrong) {
+        right.data.views[v].corners[i].point = -1;
+        if (!cal->fits[v].empty()) EXPECT_TRUE(cal->fits[v][i].outlier) << lens << " " << v << " " << i;
+      }
+      for (View& view : right.data.views)
+        std::erase_if(view.corners, [](const Corner& c) { return c.point < 0; });
+      EXPECT_EQ(cal->stats.n_outliers, static_cast<int>(wrong.size()))
+          << lens << " " << static_cast<int>(fault);
+      options.mark_outliers = false;
+      const auto oracle = refine(right, options);
+      ASSERT_TRUE(oracle) << oracle.error().text();
+      EXPECT_NEAR(cal->stats.rms_px, oracle->stats.rms_px, 1e-9) << lens << " " << static_cast<int>(fault);
+      const auto diff = compare_cameras(oracle->rig.cameras[0], cal->rig.cameras[0]);
+      EXPECT_LT(diff->max, 1e-4) << lens << " " << static_cast<int>(fault);
     }
-    for (const double w : with) EXPECT_LT(std::sqrt(w / without), 1.1) << lens << " " << fov;
   }
 }
 

@@ -16,8 +16,8 @@ enum class Solver {
   kCeres    ///< the reference: same optimum, slower
 };
 
-/// What is known of a parameter from elsewhere: ((parameter - value) / sigma)^2 is added to the cost, in which
-/// the corners weigh by their own scatter.
+/// What is known of a parameter from elsewhere: ((parameter - value) / sigma)^2 is added to the cost, in
+/// which the corners weigh by their own scatter.
 struct Prior {
   std::string parameter;
   double value = 0, sigma = 0;  ///< in the parameter's unit: pixels, none, radians or metres
@@ -31,13 +31,13 @@ struct RefineOptions {
   double loss_scale_px = 1.0;  ///< where Huber and Cauchy bend [px]; in sigmas with use_sigma
   bool mark_outliers = true;   ///< corners beyond outlier_sigma robust standard deviations are left out
   double outlier_sigma = 5.0;
-  /// Shared parameters that do not move: "left fx" stays at its start value, "left fx=532.8" at that one. A name
-  /// is one of shared_parameter_names() ("left.fx" is the same as "left fx"), or such a name without the camera,
-  /// which means every camera ("k3"), or a group: "lens", "K" (fx fy cx cy), "pose", "rig" (where the cameras
-  /// stand), "left" (its lens), "left.K", "left.pose".
+  /// Shared parameters that do not move: "left fx" stays at its start value, "left fx=532.8" at that one. A
+  /// name is one of shared_parameter_names() ("left.fx" is the same as "left fx"), or such a name without the
+  /// camera, which means every camera ("k3"), or a group: "lens", "K" (fx fy cx cy), "pose", "rig" (where the
+  /// cameras stand), "left" (its lens), "left.K", "left.pose".
   std::vector<std::string> fixed;
-  /// Parameters that share one value: "fx=fy" in each camera, "left fx=right fx", "left=right" (all of the two
-  /// lenses). Rotations cannot be tied.
+  /// Parameters that share one value: "fx=fy" in each camera, "left fx=right fx", "left=right" (all of the
+  /// two lenses). Rotations cannot be tied.
   std::vector<std::string> ties;
   std::vector<Prior> priors;
   /// Cameras to solve for: the lenses and poses of all others are held. Empty: all. Board poses always move.

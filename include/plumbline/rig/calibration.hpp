@@ -55,8 +55,8 @@ struct Calibration {
   Dataset data;
   std::vector<std::optional<SE3>>
       T_rig_board;  ///< pose of the first board, one per frame; nullopt: the frame was not used
-  std::vector<SE3> T_board0_board{SE3()};  ///< one per target: p_board0 = T_board0_board[i] * p_board; the
-                                           ///< same in all frames; [0] is the identity
+  std::vector<SE3> T_board0_board{SE3()};    ///< one per target: p_board0 = T_board0_board[i] * p_board; the
+                                             ///< same in all frames; [0] is the identity
   std::vector<std::vector<CornerFit>> fits;  ///< per view, per corner; empty for a view that was not used
   std::vector<std::string> view_reason;      ///< per view: why it was not used; empty when it was
   SolveStats stats;
