@@ -28,10 +28,11 @@ void add_view(Dataset& data, std::map<std::string, int>& frame_of, int cam, cons
 }
 
 Result<Dataset> load_vnl(const CalibrateInputs& in) {
-  if (in.targets.size() != 1) usage_error("--corners with a .vnl file needs one --target");
+  if (in.targets.size() != 1 && (!in.targets.empty() || in.known_targets.size() != 1))
+    usage_error("--corners with a .vnl file needs one --target");
   if (in.image_size.empty()) usage_error("--corners with a .vnl file needs --image-size WIDTHxHEIGHT");
   Dataset data;
-  auto target = load_target(in.targets[0]);
+  auto target = in.targets.empty() ? Result<Target>(in.known_targets[0]) : load_target(in.targets[0]);
   if (!target) return target.error();
   data.targets = {*std::move(target)};
   data.detector = "corners read from a .vnl file";
@@ -120,7 +121,8 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  auto targets = load_targets(in.targets);
+  auto targets =
+      in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
   if (!targets) return targets.error();
   auto images = find_images(in.cams, in.pair_by == "order");
   if (!images) return images.error();

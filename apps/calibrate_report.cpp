@@ -168,6 +168,10 @@ Json json_of_calibration(const Calibration& c) {
     json["weak"].push_back(
         {{"parameters", w.parameters}, {"sigma", w.sigma}, {"consequence", w.consequence}});
   }
+  for (const PriorPull& p : c.stats.priors) {
+    json["priors"].push_back(
+        {{"parameter", p.parameter}, {"value", p.value}, {"sigma", p.sigma}, {"pull_sigmas", p.pull_sigmas}});
+  }
   if (shows_camera_matrix(c)) json["camera_matrices"] = json_of_camera_matrices(c);
   json["detector"] = c.data.detector;
   return json;
@@ -219,6 +223,9 @@ std::string text_of_calibration(const Calibration& c) {
       "rms {:.6f} px over {} corners ({:.6f} px per coordinate), {} outliers; {} iterations: {}\n",
       c.stats.rms_px, c.stats.n_corners, c.stats.rms_xy_px, c.stats.n_outliers, c.stats.iterations,
       c.stats.termination);
+  for (const PriorPull& p : c.stats.priors)
+    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter,
+                        p.value, p.sigma, p.pull_sigmas);
   for (const WeakDirection& w : c.stats.weak)
     text += fmt::format("WEAK: {}: {}\n", w.parameters, w.consequence);
   return text;

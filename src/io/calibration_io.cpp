@@ -40,11 +40,17 @@ void write_summary(std::string& out, const SolveStats& stats) {
     append(out, "    - parameters: {}\n      sigma: {}\n      consequence: {}\n", yaml_text(weak.parameters),
            number_text(weak.sigma), yaml_text(weak.consequence));
   }
+  if (!stats.priors.empty()) out += "  priors:\n";
+  for (const PriorPull& prior : stats.priors) {
+    append(out, "    - parameter: {}\n      value: {}\n      sigma: {}\n      pull_sigmas: {}\n",
+           yaml_text(prior.parameter), number_text(prior.value), number_text(prior.sigma),
+           number_text(prior.pull_sigmas));
+  }
 }
 
 SolveStats read_summary(const Field& field) {
-  field.only(
-      {"rms_px", "rms_xy_px", "corners", "outliers", "iterations", "converged", "termination", "weak"});
+  field.only({"rms_px", "rms_xy_px", "corners", "outliers", "iterations", "converged", "termination", "weak",
+              "priors"});
   SolveStats stats;
   stats.rms_px = field.at("rms_px").number();
   stats.rms_xy_px = field.at("rms_xy_px").number();
@@ -58,6 +64,13 @@ SolveStats read_summary(const Field& field) {
       item.only({"parameters", "sigma", "consequence"});
       stats.weak.push_back(
           {item.at("parameters").text(), item.at("sigma").number(), item.at("consequence").text()});
+    }
+  }
+  if (const auto priors = field.find("priors")) {
+    for (const Field& item : priors->items()) {
+      item.only({"parameter", "value", "sigma", "pull_sigmas"});
+      stats.priors.push_back({item.at("parameter").text(), item.at("value").number(),
+                              item.at("sigma").number(), item.at("pull_sigmas").number()});
     }
   }
   return stats;

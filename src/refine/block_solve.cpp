@@ -63,14 +63,21 @@ bool focal_lengths_positive(const BlockState& state) {
                      [](const Lens& lens) { return params(lens)[0] > 0 && params(lens)[1] > 0; });
 }
 
-// The shared parameters that move: not held, and with any effect on a residual.
-std::vector<int> free_parameters(const BlockNormal& normal, const SolveSpec& spec) {
-  std::vector<int> free;
-  for (int i = 0; i < normal.g_s.size(); ++i) {
-    const bool held = !spec.held.empty() && spec.held[i];
-    if (!held && normal.A_ss(i, i) > 0) free.push_back(i);
+// The numbers that move: not held, and with any effect on a residual.
+Reduction free_numbers(const BlockNormal& normal, const SolveSpec& spec) {
+  const int n = static_cast<int>(normal.g_s.size());
+  Reduction all = reduction_of(spec, n);
+  std::vector<double> effect(static_cast<std::size_t>(all.n_free), 0.0);
+  for (int i = 0; i < n; ++i) {
+    if (all.column[i] >= 0) effect[all.column[i]] += normal.A_ss(i, i);
   }
-  return free;
+  std::vector<int> number(effect.size(), -1);
+  all.n_free = 0;
+  for (std::size_t c = 0; c < effect.size(); ++c) {
+    if (effect[c] > 0) number[c] = all.n_free++;
+  }
+  for (int& column : all.column) column = column < 0 ? -1 : number[column];
+  return all;
 }
 
 // Adds half the geodesic acceleration to a step, so that it follows a curved valley to second order
@@ -129,7 +136,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   while (report.iterations < spec.max_iterations) {
     ++report.iterations;
     const BlockVector g = gradient(normal);
-    auto step = factor.make(problem, normal, free_parameters(normal, spec), spec.hold_boards, damping)
+    auto step = factor.make(problem, normal, free_numbers(normal, spec), spec.hold_boards, damping)
                     ? factor.step(g)
                     : std::nullopt;
     double gain = 0, predicted = 0;

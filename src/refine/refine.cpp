@@ -8,9 +8,11 @@
 
 #include "plumbline/core/check.hpp"
 #include "plumbline/core/text.hpp"
+#include "refine/constraints.hpp"
 #include "refine/outliers.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
+#include "refine/suspects.hpp"
 #include "refine/weak.hpp"
 
 namespace plumbline {
@@ -41,7 +43,7 @@ const char* name_of(Start start) {
   return start == Start::kAuto ? "auto" : start == Start::kZhang ? "zhang" : "dlt";
 }
 
-void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
+void fill_stats(Calibration& cal, const SolveReport& report) {
   SolveStats stats;
   double sum = 0;
   for (const auto& fits : cal.fits) {
@@ -56,7 +58,7 @@ void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
   }
   stats.rms_px = stats.n_corners > 0 ? std::sqrt(sum / stats.n_corners) : 0.0;
   stats.rms_xy_px = stats.rms_px / std::sqrt(2.0);
-  stats.iterations = iterations;
+  stats.iterations = report.iterations;
   stats.converged = report.converged;
   stats.termination = report.termination;
   cal.stats = stats;
@@ -73,6 +75,12 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   o["outliers"] =
       options.mark_outliers ? "marked beyond " + format_double(options.outlier_sigma) + " sigma" : "kept";
   o["fixed"] = join(options.fixed, ",");
+  std::vector<std::string> priors;
+  for (const Prior& p : options.priors)
+    priors.push_back(fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
+  if (!options.ties.empty()) o["ties"] = join(options.ties, ",");
+  if (!priors.empty()) o["priors"] = join(priors, ",");
+  if (!options.only.empty()) o["only"] = join(options.only, ",");
   o["sigma"] = options.use_sigma ? "used" : "not used";
   o["max_iterations"] = std::to_string(options.max_iterations);
   cal.provenance.corners_hash = corners_hash(cal.data);
@@ -118,72 +126,113 @@ std::optional<Error> unprojectable(const Calibration& cal) {
 
 // A solve under a robust loss that bad corners do not bend, so that the marks of the first round can be
 // trusted.
-void robust_solve(Calibration& cal, const RefineOptions& options, const std::vector<bool>& held) {
+void robust_solve(Calibration& cal, const RefineOptions& options, const Constraints& constraints) {
   for (int round = 0; round < 2; ++round) {
     Calibration trial = cal;
-    const SolveSpec spec{.loss = Loss::kCauchy,
-                         .loss_scale = robust_scale_px(cal),
-                         .use_sigma = false,
-                         .max_iterations = std::min(60, options.max_iterations),
-                         .tight = false,
-                         .held = held,
-                         .solver = options.solver,
-                         .n_threads = options.n_threads};
+    if (options.mark_outliers) mark_gross(trial, options);
+    const double scale = robust_scale_px(cal);
+    const SolveSpec spec = with_constraints({.loss = Loss::kCauchy,
+                                             .loss_scale = scale,
+                                             .use_sigma = false,
+                                             .max_iterations = std::min(60, options.max_iterations),
+                                             .tight = false,
+                                             .prior_weight = scale / 3,
+                                             .solver = options.solver,
+                                             .n_threads = options.n_threads},
+                                            constraints);
     if (!solve(trial, spec).usable) return;
     cal = std::move(trial);
     bring_back(cal);
   }
 }
 
-Result<Calibration> finish(Calibration cal, const RefineOptions& options,
-                           const std::vector<bool>& held_by_name, bool from_seed) {
-  const std::vector<bool> held = hold_loose_boards(cal, held_by_name);
-  bring_back(cal);
-  if (options.mark_outliers || from_seed) robust_solve(cal, options, held);
-  const SolveSpec spec{.loss = options.loss,
-                       .loss_scale = options.loss_scale_px,
-                       .use_sigma = options.use_sigma,
-                       .max_iterations = options.max_iterations,
-                       .tight = true,
-                       .held = held,
-                       .solver = options.solver,
-                       .n_threads = options.n_threads};
+// Corners and priors weigh by their own scatter, and the corners' is known after a solve only. Whether that
+// changes the weight of the priors.
+bool weigh_priors(const Calibration& cal, SolveSpec& spec) {
+  constexpr double kLeastPx = 1e-4, kSame = 1e-6;  // data without noise would leave the priors no weight
+  if (spec.priors.empty()) return false;
+  const double noise = std::max(kLeastPx, std::sqrt(shared_covariance(cal, spec).variance));
+  const bool changed = std::abs(noise - spec.prior_weight) > kSame * noise;
+  spec.prior_weight = noise;
+  return changed;
+}
+
+// Solves, marks outliers, and solves again until no mark changes.
+Result<SolveReport> solve_and_mark(Calibration& cal, const RefineOptions& options, SolveSpec& spec) {
+  constexpr int kWeighingRounds = 20;
   SolveReport report;
-  int iterations = 0;
-  if (options.mark_outliers)
-    mark_outliers(cal, options);
-  else if (auto error = unprojectable(cal))
-    return *error;
-  for (int round = 0; round < kMarkingRounds; ++round) {
+  int iterations = 0, n_weighings = 0;
+  for (int round = 0; round < kMarkingRounds;) {
     report = solve(cal, spec);
     iterations += report.iterations;
+    report.iterations = iterations;
     if (!report.usable) {
       return Error{ErrorCode::kNotConverged, "the joint solve found no finite optimum: " + report.termination,
                    ""};
     }
-    if (!options.mark_outliers) {
-      evaluate(cal);
-      break;
+    const bool last = !options.mark_outliers || round + 1 == kMarkingRounds;
+    if (last)
+      evaluate(cal);  // the marks stay those of the solve
+    else if (mark_outliers(cal, options)) {
+      ++round;
+      continue;
     }
-    // The marks of the last round stay those of its solve.
-    if (round + 1 == kMarkingRounds) {
-      evaluate(cal);
-      break;
-    }
-    if (!mark_outliers(cal, options)) break;
+    if (n_weighings++ == kWeighingRounds || !weigh_priors(cal, spec)) break;
   }
-  fill_stats(cal, report, iterations);
+  return report;
+}
+
+Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constraints constraints,
+                           bool from_seed) {
+  constraints.held = hold_loose_boards(cal, std::move(constraints.held));
+  apply(cal, constraints);
+  bring_back(cal);
+  if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
+  // A robust loss has bent the tails already.
+  const bool cuts_tails = options.mark_outliers && options.loss == Loss::kSquared;
+  SolveSpec spec =
+      with_constraints({.loss = options.loss,
+                        .loss_scale = options.loss_scale_px,
+                        .use_sigma = options.use_sigma,
+                        .max_iterations = options.max_iterations,
+                        .tight = true,
+                        .prior_weight = robust_scale_px(cal) / 3,
+                        .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
+                        .solver = options.solver,
+                        .n_threads = options.n_threads},
+                       constraints);
+  if (options.mark_outliers)
+    mark_outliers(cal, options);
+  else if (auto error = unprojectable(cal))
+    return *error;
+  const auto report = solve_and_mark(cal, options, spec);
+  if (!report) return report.error();
+  fill_stats(cal, *report);
+  cal.stats.priors = prior_pulls(cal, spec.priors);
   if (auto status = judge_determination(cal, spec); !status) return status.error();
   fill_provenance(cal, options);
   return cal;
 }
 
+// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
+// of them are known.
+int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
+  const int first = offsets_of(cal).lens[cam];
+  int n_free = 0;
+  for (int i = first; i < first + 4; ++i) {
+    const bool has_prior =
+        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return p.index == i; });
+    n_free += !c.held[i] && c.tied_to[i] == i && !has_prior;
+  }
+  return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);
+}
+
 // Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
-Status enough_views(const Calibration& cal) {
+Status enough_views(const Calibration& cal, const Constraints& constraints) {
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     const bool some_planar = std::any_of(cal.data.targets.begin(), cal.data.targets.end(),
                                          [](const Target& target) { return target.is_planar; });
-    int n = 0, needed = some_planar ? 3 : 1;
+    int n = 0, needed = some_planar ? needed_flat_views(cal, cam, constraints) : 1;
     for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
       const View& view = cal.data.views[v];
       if (view.cam != static_cast<int>(cam) || view.corners.size() < kLeastCorners ||
@@ -248,21 +297,22 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
                  "target " + data.targets[0].name};
   }
   const Calibration empty = empty_calibration(data, *lenses);
-  const auto held = held_mask(empty, options.fixed);
-  if (!held) return held.error();
-  if (auto status = enough_views(empty); !status) return status.error();
+  const auto constraints = constraints_of(empty, options);
+  if (!constraints) return constraints.error();
+  if (auto status = enough_views(empty, *constraints); !status) return status.error();
 
+  // Suspects take no part in the start; from there on residuals judge them like all others.
+  const Dataset sound = options.mark_outliers ? without_suspects(data, options.n_threads) : data;
   std::vector<MonoData> parts;
   std::vector<Calibration> monos;
   std::vector<WeakDirection> lean;
-  std::size_t offset = 0;
+  int offset = 0;
   for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
-    parts.push_back(mono_data(data, static_cast<int>(cam)));
-    const auto n = static_cast<std::size_t>(n_params((*lenses)[cam]));
-    const std::vector<bool> held_mono(held->begin() + offset, held->begin() + offset + n);
-    offset += n;
+    parts.push_back(mono_data(sound, static_cast<int>(cam)));
+    const Constraints of_camera = slice(*constraints, offset, n_params((*lenses)[cam]));
+    offset += n_params((*lenses)[cam]);
     auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
-                            held_mono);
+                            of_camera);
     if (!mono) return mono.error();
     lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
@@ -270,12 +320,12 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
-  if (auto status = enough_views(*seed); !status) return status.error();
   // Anew: the seed may have chosen the shape of a lens.
-  auto held_in_seed = held_mask(*seed, options.fixed);
-  if (!held_in_seed) return held_in_seed.error();
-  hold_cores(seed->rig, *held_in_seed);
-  auto cal = finish(*std::move(seed), options, *held_in_seed, true);
+  auto constraints_of_seed = constraints_of(*seed, options);
+  if (!constraints_of_seed) return constraints_of_seed.error();
+  hold_cores(seed->rig, constraints_of_seed->held);
+  if (auto status = enough_views(*seed, *constraints_of_seed); !status) return status.error();
+  auto cal = finish(*std::move(seed), options, *std::move(constraints_of_seed), true);
   if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
@@ -288,9 +338,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                       start.T_rig_board.size() == start.data.frames.size() &&
                       start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
-  auto held = held_mask(start, options.fixed);
-  if (!held) return held.error();
-  hold_cores(start.rig, *held);
+  auto constraints = constraints_of(start, options);
+  if (!constraints) return constraints.error();
+  hold_cores(start.rig, constraints->held);
   Calibration cal = start;
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");
@@ -298,8 +348,10 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
   for (std::size_t v = 0; v < cal.data.views.size(); ++v)
     cal.fits[v].resize(cal.data.views[v].corners.size());
   refuse_small_views(cal);
-  if (auto status = enough_views(cal); !status) return status.error();
-  return finish(std::move(cal), options, *held, false);
+  if (auto status = enough_views(cal, *constraints); !status) return status.error();
+  auto done = finish(std::move(cal), options, *constraints, false);
+  if (done) done->provenance.options["start"] = "given";
+  return done;
 }
 
 }  // namespace plumbline

@@ -108,21 +108,25 @@ double error_px(const Calibration& cal, const Link& link, const SE3& X, const Sy
 }
 
 Placement place(const Calibration& cal, const std::vector<Link>& links, const Symmetries& all) {
+  // Forty links spread over all of them propose, and judge the proposals; the best is judged by all.
+  std::vector<Link> some;
+  const std::size_t step = (links.size() + kMaxHypotheses - 1) / kMaxHypotheses;
+  for (std::size_t i = 0; i < links.size(); i += step) some.push_back(links[i]);
   std::optional<Placement> best;
-  const auto consider = [&](const SE3& X) {
-    Placement candidate = judge(cal, links, X, all);
+  const auto consider = [&](const std::vector<Link>& judges, const SE3& X) {
+    Placement candidate = judge(cal, judges, X, all);
     if (!best || candidate.score < best->score * (1 - 1e-9)) best = std::move(candidate);
   };
   std::size_t most = 0;
   for (const auto& symmetries : all) most = std::max(most, symmetries.size());
-  const std::size_t n = links.size(), step = (n + kMaxHypotheses - 1) / kMaxHypotheses;
   for (std::size_t g = 0; g < most; ++g) {  // the identity first: it wins a tie
-    for (std::size_t i = 0; i < n; i += step) {
-      const std::vector<Symmetry>& symmetries = all[target_of(cal, links[i])];
-      if (g < symmetries.size()) consider(proposal(links[i], symmetries[g]));
+    for (const Link& link : some) {
+      const std::vector<Symmetry>& symmetries = all[target_of(cal, link)];
+      if (g < symmetries.size()) consider(some, proposal(link, symmetries[g]));
     }
   }
-  consider(average(cal, links, *best, all));
+  best = judge(cal, links, best->X, all);
+  consider(links, average(cal, links, *best, all));
   return *best;
 }
 

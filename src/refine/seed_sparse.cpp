@@ -97,13 +97,11 @@ Result<Lens> sparse_like(const Lens& like, const std::string& spec, ImageSize si
 }
 
 Result<Calibration> seed_sparse(const Dataset& mono, const std::string& spec, const RefineOptions& options,
-                                const std::vector<bool>& held) {
+                                const Constraints& constraints) {
   constexpr double kWide = 1.05;  // rad; beyond it a perspective lens only loses time
   const auto seed_with = [&](const std::string& name) {
-    std::vector<bool> held_other(static_cast<std::size_t>(n_params(*make_lens(name, ImageSize{}, 1.0))),
-                                 false);
-    std::copy_n(held.begin(), 4, held_other.begin());
-    return seed_camera(mono, name, options, held_other);
+    return seed_camera(mono, name, options,
+                       of_matrix_alone(constraints, n_params(*make_lens(name, ImageSize{}, 1.0))));
   };
   auto best = seed_with("kb4");
   if (!best || widest_angle(*best) < kWide) {

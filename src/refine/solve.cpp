@@ -10,10 +10,10 @@
 #include <cmath>
 #include <utility>
 
-#include "plumbline/core/text.hpp"
 #include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
+#include "refine/shared_block.hpp"
 #include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
@@ -133,6 +133,7 @@ class Blocks {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
     for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
+    n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -143,6 +144,9 @@ class Blocks {
   double* lens(int cam) { return &values_[lens_[cam]]; }
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+  /// Everything but the board poses, which come last, as one block.
+  double* shared() { return values_.data(); }
+  int n_shared() const { return static_cast<int>(n_shared_); }
   double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
 
   void write_to(Calibration& cal) const {
@@ -165,18 +169,144 @@ class Blocks {
   }
   std::vector<double> values_;
   std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
+  std::size_t n_shared_ = 0;
 };
 
-void add_costs(ceres::Problem& problem, const std::shared_ptr<Lens>& lens,
-               std::vector<Observation> observations, const SolveSpec& spec, bool further_board,
-               const std::vector<double*>& parameters) {
-  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost) {
-    problem.AddResidualBlock(cost.release(), nullptr, parameters);
+bool has_ties(const SolveSpec& spec) {
+  for (std::size_t i = 0; i < spec.tied_to.size(); ++i) {
+    if (spec.tied_to[i] != static_cast<int>(i) && !is_held(spec, static_cast<int>(i))) return true;
+  }
+  return false;
+}
+
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many
+// cameras, because each view's Jacobian then has the columns of all, but the manifold says it all.
+void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
+  const Reduction reduction = reduction_of(spec, offsets.total);
+  std::vector<std::unique_ptr<ceres::Manifold>> parts;
+  std::vector<int> column;
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const int n = n_params(cal.rig.cameras[cam].lens), at = offsets.lens[cam];
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(n));
+    for (int i = at; i < at + n; ++i) column.push_back(reduction.column[i]);
+  }
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
+    std::array<bool, 6> held{};
+    for (int i = 0; i < 6; ++i) held[i] = at < 0 || is_held(spec, at + i);
+    if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) {
+      parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(7));
+      column.insert(column.end(), 7, -1);
+      continue;
+    }
+    parts.push_back(make_pose_manifold(held));
+    for (int i = 0; i < 6; ++i) {
+      if (!held[i]) column.push_back(reduction.column[at + i]);
+    }
+  }
+  problem.SetManifold(blocks.shared(),
+                      make_tied_manifold(std::move(parts), std::move(column), reduction.n_free).release());
+}
+
+// A prior of a camera that no view of the problem shows changes nothing and is left out.
+void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, double* block) {
+    if (tied) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (problem.HasParameterBlock(block)) {
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
   };
-  if (!is_sparse(*lens))
-    return add(make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, further_board));
-  for (const Observation& o : observations)
-    add(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, further_board));
+  for (const PriorTerm& prior : spec.priors) {
+    const double weight = spec.prior_weight / prior.sigma;
+    const auto add_to_pose = [&](int first, double* block) {
+      const int i = prior.index - first;
+      if (first >= 0 && i >= 0 && i < 6) add(make_pose_prior_cost(i, prior.value, weight), block);
+    };
+    for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
+      const int n = n_params(cal.rig.cameras[cam].lens), i = prior.index - offsets.lens[cam];
+      if (i >= 0 && i < n) add(make_prior_cost(n, i, prior.value, weight), blocks.lens(cam));
+      add_to_pose(offsets.pose[cam], blocks.T_cam_rig(cam));
+    }
+    for (int b = 1; b < static_cast<int>(cal.data.targets.size()); ++b)
+      add_to_pose(offsets.board[b], blocks.T_board0_board(b));
+  }
+}
+
+// What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
+// derivatives has a cost for each corner, and its core in a block of its own.
+struct ViewBlocks {
+  std::vector<std::unique_ptr<ceres::CostFunction>> costs;
+  std::vector<double*> parameters;
+};
+ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view,
+                       std::vector<Observation> observations, Blocks& blocks, const SolveSpec& spec) {
+  double *k = blocks.lens(view.cam), *T_rig_board = blocks.T_rig_board(view.frame);
+  ViewBlocks list{{}, {k}};
+  if (is_sparse(*lens)) {
+    for (const Observation& o : observations)
+      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0));
+    list.parameters.push_back(k + 4);
+  } else {
+    list.costs.push_back(
+        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0));
+  }
+  list.parameters.insert(list.parameters.end(), {blocks.T_cam_rig(view.cam), T_rig_board});
+  if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
+  if (!has_ties(spec)) return list;
+  std::vector<int> at;
+  for (const double* block : list.parameters)
+    at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+  for (auto& cost : list.costs) cost = merge_blocks(std::move(cost), at, blocks.n_shared());
+  list.parameters = {blocks.shared(), T_rig_board};
+  return list;
+}
+
+// All views with their manifolds and the order of elimination.
+void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering, Blocks& blocks,
+               const Calibration& cal, const SolveSpec& spec, std::vector<int>& n_residuals) {
+  const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
+  std::vector<std::shared_ptr<Lens>> lenses;
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(std::make_shared<Lens>(camera.lens));
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
+    if (observations.empty()) continue;
+    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
+    double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
+    n_residuals[cam] += 2 * static_cast<int>(observations.size());
+    ViewBlocks view = view_blocks(lenses[cam], cal.data.views[v], std::move(observations), blocks, spec);
+    for (auto& cost : view.costs) problem.AddResidualBlock(cost.release(), nullptr, view.parameters);
+    if (spec.hold_boards)
+      problem.SetParameterBlockConstant(T_rig_board);
+    else if (!problem.HasManifold(T_rig_board))
+      problem.SetManifold(T_rig_board, make_pose_manifold().release());
+    ordering.AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    if (tied) continue;
+    if (target > 0 && !board_seen[target]) {
+      board_seen[target] = true;
+      hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
+      ordering.AddElementToGroup(blocks.T_board0_board(target), 1);
+    }
+    if (lens_seen[cam]) continue;
+    lens_seen[cam] = true;
+    hold_lens(problem, *lenses[cam], blocks.lens(cam), offsets.lens[cam], spec);
+    ordering.AddElementToGroup(blocks.lens(cam), 1);
+    if (cam == 0)
+      problem.SetParameterBlockConstant(blocks.T_cam_rig(cam));  // the rig's frame is camera 0's
+    else
+      hold_pose(problem, blocks.T_cam_rig(cam), offsets.pose[cam], spec);
+    ordering.AddElementToGroup(blocks.T_cam_rig(cam), 1);
+  }
+  if (!tied || problem.NumResiduals() == 0) return;
+  tie_shared(problem, blocks, cal, spec);
+  ordering.AddElementToGroup(blocks.shared(), 1);
 }
 
 SolveReport report_of(const ceres::Solver::Summary& summary, const Calibration& cal) {
@@ -197,7 +327,7 @@ void solve_sparsely(ceres::Solver::Options& options) {
 }
 
 // `block`: the parameters after the core.
-void add_priors(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
+void add_regularisation(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
   const double scale = prior_scale(n_residuals, n_params(lens));
   for (const PriorRow& row : priors(lens))
     problem.AddResidualBlock(make_prior_cost(row, n_params(lens), scale).release(), nullptr, block);
@@ -209,54 +339,19 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
-  const Offsets offsets = offsets_of(cal);
-  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
-  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
-  std::vector<std::shared_ptr<Lens>> scratch;
-  for (const Camera& camera : cal.rig.cameras) scratch.push_back(std::make_shared<Lens>(camera.lens));
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
-    if (observations.empty()) continue;
-    const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
-    const Lens& lens = cal.rig.cameras[cam].lens;
-    double* k = blocks.lens(cam);
-    double* T_cam_rig = blocks.T_cam_rig(cam);
-    double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    std::vector<double*> parameters{k};
-    if (is_sparse(lens)) parameters.push_back(k + 4);
-    parameters.insert(parameters.end(), {T_cam_rig, T_rig_board});
-    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
-    n_residuals[cam] += 2 * static_cast<int>(observations.size());
-    add_costs(problem, scratch[cam], std::move(observations), spec, target > 0, parameters);
-    if (spec.hold_boards)
-      problem.SetParameterBlockConstant(T_rig_board);
-    else if (!problem.HasManifold(T_rig_board))
-      problem.SetManifold(T_rig_board, make_pose_manifold().release());
-    ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
-    if (target > 0 && !board_seen[target]) {
-      board_seen[target] = true;
-      hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
-      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
-    }
-    if (lens_seen[cam]) continue;
-    lens_seen[cam] = true;
-    hold_lens(problem, lens, k, offsets.lens[cam], spec);
-    ordering->AddElementToGroup(k, 1);
-    if (cam == 0)
-      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
-    else
-      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
-    ordering->AddElementToGroup(T_cam_rig, 1);
-  }
   ceres::Solver::Options options = solver_options(spec);
   options.linear_solver_ordering.reset(ordering);
-  for (std::size_t cam = 0; cam < lens_seen.size(); ++cam) {
+  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
+  add_views(problem, *ordering, blocks, cal, spec, n_residuals);
+  for (std::size_t cam = 0; cam < n_residuals.size(); ++cam) {
     const Lens& lens = cal.rig.cameras[cam].lens;
-    if (!lens_seen[cam] || !is_sparse(lens)) continue;
-    add_priors(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
+    if (n_residuals[cam] == 0 || !is_sparse(lens)) continue;
+    if (has_ties(spec)) return {.termination = "parameters cannot be tied in a rig with a splined lens"};
+    add_regularisation(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
     solve_sparsely(options);
   }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  add_priors(problem, blocks, cal, spec);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -286,40 +381,11 @@ int evaluate(Calibration& cal) {
   return n_lost;
 }
 
-namespace {
-// A spline's parameters are too many for a message.
-std::string some_of(const std::vector<std::string>& names) {
-  constexpr std::size_t kMost = 200;
-  if (names.size() <= kMost) return join(names, ", ");
-  return join({names.begin(), names.begin() + kMost}, ", ") + ", ...";
-}
-}  // namespace
-
 void hold_cores(const Rig& rig, std::vector<bool>& held) {
   const Offsets offsets = offsets_of(rig);
   for (std::size_t cam = 0; cam < rig.cameras.size(); ++cam) {
     if (holds_core(rig.cameras[cam].lens)) std::fill_n(held.begin() + offsets.lens[cam], 4, true);
   }
-}
-
-Result<std::vector<bool>> held_mask(const Calibration& cal, const std::vector<std::string>& fixed) {
-  const std::vector<std::string> names = shared_parameter_names(cal);
-  std::vector<bool> held(names.size(), false);
-  for (const std::string& wanted : fixed) {
-    bool found = false;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      // Camera names may hold spaces, parameter names do not: the parameter is what follows the last space.
-      const std::string parameter = names[i].substr(names[i].rfind(' ') + 1);
-      if (names[i] != wanted && parameter != wanted) continue;
-      held[i] = true;
-      found = true;
-    }
-    if (!found) {
-      return Error{ErrorCode::kInvalidData, "no shared parameter has this name; there are: " + some_of(names),
-                   "fixed parameter '" + wanted + "'"};
-    }
-  }
-  return held;
 }
 
 }  // namespace plumbline::detail

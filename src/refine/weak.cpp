@@ -123,14 +123,19 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   }
 }
 
-// A held focal length has no variance and cannot be refused.
-Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset) {
+// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance
+// alone.
+Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset,
+                      const std::vector<PriorTerm>& priors) {
   const Camera& camera = cal.rig.cameras[cam];
   const double fx = centre_scale(camera.lens).x(),
                sigma = std::sqrt(centre_covariance(camera.lens, covariance, offset)(0, 0));
   const Tilts tilts = tilts_of(cal, cam);
-  const bool head_on =
-      all_planar(cal) && is_central_perspective(camera.lens) && tilts.largest_deg < kHeadOnDeg && sigma > 0;
+  const bool has_prior = std::any_of(priors.begin(), priors.end(), [&](const PriorTerm& prior) {
+    return prior.index == offset || prior.index == offset + 1;
+  });
+  const bool head_on = !has_prior && all_planar(cal) && is_central_perspective(camera.lens) &&
+                       tilts.largest_deg < kHeadOnDeg && sigma > 0;
   if (!(sigma > kUselessFocal * fx) && !head_on) return {};
   return Error{
       ErrorCode::kDegenerate,
@@ -171,7 +176,7 @@ Status judge_determination(Calibration& cal, const SolveSpec& spec) {
   int offset = 0;
   const int n_cams = static_cast<int>(cal.rig.cameras.size());
   for (int cam = 0; cam < n_cams; ++cam) {
-    if (auto status = refuse_useless(cal, judged, cam, offset); !status) return status;
+    if (auto status = refuse_useless(cal, judged, cam, offset, spec.priors); !status) return status;
     add_weak_lens(cal, judged, cam, offset, names);
     offset += n_params(cal.rig.cameras[cam].lens);
   }

@@ -133,6 +133,40 @@ TEST(BlockSolve, HoldsWhatIsHeld) {
   expect_same_optimum(start, spec);
 }
 
+TEST(BlockSolve, TiesParameters) {
+  Calibration start = start_of({.lenses = {example_lens("opencv5"), example_lens("opencv5")}}, 0.3, 17);
+  SolveSpec spec;
+  for (int i = 0; i < 24; ++i) spec.tied_to.push_back(i);
+  spec.tied_to[1] = 0;                                  // left fy = left fx
+  for (int i = 4; i < 9; ++i) spec.tied_to[9 + i] = i;  // one distortion for both
+  spec.held.assign(24, false);
+  spec.held[8] = spec.held[17] = true;
+  const auto left = params(start.rig.cameras[0].lens), right = params(start.rig.cameras[1].lens);
+  left[1] = left[0];
+  std::copy(left.begin() + 4, left.end(), right.begin() + 4);
+  Calibration cal = start;
+  ASSERT_TRUE(solve_blocks(cal, spec).usable);
+  EXPECT_EQ(params(cal.rig.cameras[0].lens)[1], params(cal.rig.cameras[0].lens)[0]);
+  for (std::size_t i = 4; i < 9; ++i)
+    EXPECT_EQ(params(cal.rig.cameras[1].lens)[i], params(cal.rig.cameras[0].lens)[i]);
+  expect_same_optimum(start, spec);
+}
+
+TEST(BlockSolve, HeedsPriors) {
+  const Calibration start =
+      start_of({.lenses = {example_lens("opencv5"), example_lens("opencv4")}, .n_frames = 8}, 0.3, 18);
+  SolveSpec spec;
+  spec.priors = {{0, 560, 0.5},     {2, 330, 0.2},      {9, 548, 1},
+                 {17, 0.01, 0.002}, {18, -0.04, 0.001}, {20, -0.1, 1e-4}};
+  spec.prior_weight = 0.3;
+  Calibration with = start, without = start;
+  const SolveReport report = solve_blocks(with, spec);
+  ASSERT_TRUE(report.converged) << report.termination;
+  ASSERT_TRUE(solve_blocks(without, {}).converged);
+  EXPECT_GT(std::abs(params(with.rig.cameras[0].lens)[0] - params(without.rig.cameras[0].lens)[0]), 0.1);
+  expect_same_optimum(start, spec);
+}
+
 TEST(BlockSolve, LeavesHalfHeldRotationsToCeres) {
   Calibration start = start_of({.lenses = {example_lens("opencv4"), example_lens("opencv4")}}, 0.3, 13);
   SolveSpec spec;

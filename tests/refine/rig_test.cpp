@@ -152,6 +152,40 @@ TEST(Rig, MotionJoinsBoardsInAnyOrder) {
   expect_exact(truth, calibrate(truth.data, options_of(truth)));
 }
 
+// Two stereo pairs back to back, and a fifth camera to the side with a third board: groups are joined by
+// motion.
+TEST(Rig, GroupsOfCamerasAreJoinedByMotion) {
+  RigScene scene = back_to_back(16, 15);
+  const SE3 aside(so3_exp(Vec3(0.02, -0.05, 0.01)), Vec3(-0.08, 0.01, 0.02));
+  for (int i : {0, 1}) {
+    scene.cameras.push_back(scene.cameras[i]);
+    scene.cameras.back().T_cam_rig = aside * scene.cameras[i].T_cam_rig;
+  }
+  scene.cameras.push_back({lens_for("kb4", {640, 480}, 110), {640, 480}, camera_at(90, 0.05)});
+  scene.boards.push_back(Chessboard{.columns = 6, .rows = 5, .square_m = 0.04});
+  scene.T_world_board.push_back(board_at(90, 0.7, scene.boards[2], Vec3(0.2, 0.1, 0)));
+  const Calibration truth = simulate_rig(scene);
+  ASSERT_FALSE(share_a_board(truth.data, 0, 1) || share_a_board(truth.data, 4, 0) ||
+               share_a_board(truth.data, 4, 1));
+  ASSERT_TRUE(share_a_board(truth.data, 0, 2) && share_a_board(truth.data, 1, 3));
+  const auto cal = calibrate(truth.data, options_of(truth));
+  expect_exact(truth, cal);
+  EXPECT_THAT(cal->provenance.options.at("joined by motion"), HasSubstr("; "));
+}
+
+// Turns that are nearly about one axis are accepted, and what they leave open is named: the vertical.
+TEST(Rig, NearlyPlanarMotionNamesTheDirection) {
+  const Calibration truth = simulate_rig(back_to_back(20, 16, 1.0));
+  const auto cal = calibrate(with_noise(truth.data, 0.1, 2), options_of(truth));
+  ASSERT_TRUE(cal) << text_of(cal);
+  const detail::Offsets offsets = detail::offsets_of(*cal);
+  const SymEigen shift = sym_eigen(cal->covariance->block(offsets.pose[1] + 3, offsets.pose[1] + 3, 3, 3));
+  EXPECT_GT(std::abs(shift.vectors(1, 2)), 0.9);
+  std::string all;
+  for (const WeakDirection& weak : cal->stats.weak) all += weak.parameters + ": " + weak.consequence + "\n";
+  EXPECT_THAT(all, AllOf(HasSubstr("the position of camera cam1 is known to"), HasSubstr("cam1 t_y (+")));
+}
+
 TEST(Rig, WrongViewsDoNotBendTheMotionSeed) {
   Calibration truth = simulate_rig(back_to_back(25, 5));
   Dataset data = with_noise(truth.data, 0.1, 5);
