@@ -5,6 +5,7 @@
 #include <chrono>
 
 #include "args.hpp"
+#include "calibrate_effects.hpp"
 #include "calibrate_inputs.hpp"
 #include "calibrate_report.hpp"
 #include "plumbline/io/calibration_io.hpp"
@@ -22,6 +23,7 @@ struct Options {
   double loss_scale_px = 1.0, outlier_sigma = 5.0, max_rms_px = 0;
   std::vector<std::string> fixed;
   bool use_sigma = false;
+  EffectArgs effects;
 };
 
 RefineOptions refine_options(const Options& o, const Common& common, std::vector<std::string> lenses) {
@@ -35,6 +37,7 @@ RefineOptions refine_options(const Options& o, const Common& common, std::vector
   options.fixed = o.fixed;
   options.use_sigma = o.use_sigma;
   options.n_threads = common.n_threads;
+  set_effects(o.effects, options);
   return options;
 }
 
@@ -48,6 +51,7 @@ Result<int> run(const Options& o, const Common& common) {
   const auto start = Clock::now();
   auto data = load_observations(o.inputs, common);
   if (!data) return data.error();
+  if (Status s = add_times(o.effects, *data); !s) return s.error();
   const double detect_s = seconds_since(start);
   auto lenses = parse_lenses(o.lens, data->cameras);
   if (!lenses) return lenses.error();
@@ -101,6 +105,7 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
                  "hold parameters: k3 (every camera) or 'left fx'; several separated by commas")
       ->delimiter(',');
   app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
+  add_effect_options(app, o->effects);
   app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")
       ->check(positive());
   app.add_option("-o,--output", o->output, "folder for calibration.yaml and corners.yaml")->required();

@@ -8,7 +8,10 @@
 
 #include "plumbline/core/check.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/motion.hpp"
+#include "refine/effects.hpp"
 #include "refine/outliers.hpp"
+#include "refine/recording.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
 #include "refine/weak.hpp"
@@ -74,6 +77,11 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
       options.mark_outliers ? "marked beyond " + format_double(options.outlier_sigma) + " sigma" : "kept";
   o["fixed"] = join(options.fixed, ",");
   o["sigma"] = options.use_sigma ? "used" : "not used";
+  for (const auto& [name, estimate] : {std::pair{"bow", options.bow},
+                                       {"line_delay", options.line_delay},
+                                       {"time_offset", options.time_offset}}) {
+    if (estimate != Estimate::kNo) o[name] = estimate == Estimate::kYes ? "estimated" : "auto";
+  }
   o["max_iterations"] = std::to_string(options.max_iterations);
   cal.provenance.corners_hash = corners_hash(cal.data);
 }
@@ -177,6 +185,22 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
   return cal;
 }
 
+Result<Calibration> finish_with_effects(Calibration start, const RefineOptions& options, bool from_seed) {
+  const Finish solve_all = [&](Calibration cal) -> Result<Calibration> {
+    const auto held = held_mask(cal, options.fixed);
+    if (!held) return held.error();
+    if (!has_clocks(cal)) return finish(std::move(cal), options, *held, from_seed);
+    drop_motionless(cal);
+    auto moving = finish(std::move(cal), options, *held, from_seed);
+    if (!moving) return moving;
+    if (auto status = check_smoothness(*moving); !status) return status.error();
+    return moving;
+  };
+  auto plain = solve_all(start);
+  if (!plain) return plain;
+  return choose_effects(start, *std::move(plain), options, solve_all);
+}
+
 // Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
 Status enough_views(const Calibration& cal) {
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
@@ -246,7 +270,8 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
                  "--start zhang",
                  "target " + data.targets[0].name};
   }
-  const Calibration empty = empty_calibration(data, *lenses);
+  Calibration empty = empty_calibration(data, *lenses);
+  if (auto status = add_wanted_effects(empty, options); !status) return status.error();
   const auto held = held_mask(empty, options.fixed);
   if (!held) return held.error();
   if (auto status = enough_views(empty); !status) return status.error();
@@ -269,7 +294,9 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   if (!seed) return seed.error();
   refuse_small_views(*seed);
   if (auto status = enough_views(*seed); !status) return status.error();
-  auto cal = finish(*std::move(seed), options, *held, true);
+  seed->bow_m = empty.bow_m;
+  seed->clocks = empty.clocks;
+  auto cal = finish_with_effects(*std::move(seed), options, true);
   if (cal) add_lean(*cal, lean);
   return cal;
 }
@@ -282,9 +309,8 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                       start.T_rig_board.size() == start.data.frames.size() &&
                       start.T_board0_board.size() == start.data.targets.size(),
                   "rig, poses and data of a start belong together");
-  const auto held = held_mask(start, options.fixed);
-  if (!held) return held.error();
   Calibration cal = start;
+  if (auto status = add_wanted_effects(cal, options); !status) return status.error();
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");
   cal.covariance.reset();
@@ -292,7 +318,7 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
     cal.fits[v].resize(cal.data.views[v].corners.size());
   refuse_small_views(cal);
   if (auto status = enough_views(cal); !status) return status.error();
-  return finish(std::move(cal), options, *held, false);
+  return finish_with_effects(std::move(cal), options, false);
 }
 
 }  // namespace plumbline

@@ -11,7 +11,9 @@
 #include <utility>
 
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/motion.hpp"
 #include "refine/block_solve.hpp"
+#include "refine/moving_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 
@@ -28,7 +30,9 @@ std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, 
   for (std::size_t i = 0; i < view.corners.size(); ++i) {
     if (cal.fits[v][i].outlier) continue;
     const Corner& c = view.corners[i];
-    list.push_back({cal.data.targets[view.target].points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
+    const Target& target = cal.data.targets[view.target];
+    list.push_back({target.points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
+    if (target.outline) list.back().bow_shape = bow_shape(*target.outline, target.points[c.point]);
   }
   return list;
 }
@@ -50,6 +54,16 @@ Offsets offsets_of(const Rig& rig) {
 Offsets offsets_of(const Calibration& cal) {
   Offsets o = offsets_of(cal.rig);
   for (std::size_t i = 1; i < cal.data.targets.size(); ++i, o.total += 6) o.board.push_back(o.total);
+  for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
+    const bool bowed = bow_of(cal, static_cast<int>(i)).has_value();
+    o.bow.push_back(bowed ? o.total : -1);
+    if (bowed) o.total += 2;
+  }
+  for (std::size_t i = 0; i < cal.rig.cameras.size(); ++i) {
+    const CameraClock clock = i < cal.clocks.size() ? cal.clocks[i] : CameraClock{};
+    o.line_delay.push_back(clock.line_delay_s ? o.total++ : -1);
+    o.time_offset.push_back(clock.time_offset_s ? o.total++ : -1);
+  }
   return o;
 }
 
@@ -57,7 +71,7 @@ namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
-void hold_lens(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+void hold_numbers(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
   std::vector<int> held;
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
@@ -108,6 +122,9 @@ bool all_finite(const Calibration& cal) {
   for (const SE3& T : cal.T_board0_board) {
     if (!finite(T.qt)) return false;
   }
+  for (const auto& bow : cal.bow_m) {
+    if (bow && !bow->allFinite()) return false;
+  }
   return true;
 }
 
@@ -125,6 +142,10 @@ class Blocks {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
     for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
+    for (const auto& bow : cal.bow_m) {
+      const Vec2 b = bow.value_or(Vec2(0, 0));
+      add(bow_, {b.data(), 2});
+    }
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -136,6 +157,7 @@ class Blocks {
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
   double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
+  double* bow(int target) { return &values_[bow_[target]]; }
 
   void write_to(Calibration& cal) const {
     for (std::size_t i = 0; i < lens_.size(); ++i) {
@@ -145,6 +167,9 @@ class Blocks {
     }
     for (std::size_t i = 0; i < T_board0_board_.size(); ++i)
       std::copy_n(&values_[T_board0_board_[i]], 7, cal.T_board0_board[i].qt.begin());
+    for (std::size_t i = 0; i < bow_.size(); ++i) {
+      if (cal.bow_m[i]) std::copy_n(&values_[bow_[i]], 2, cal.bow_m[i]->data());
+    }
     for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
       if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
     }
@@ -156,17 +181,19 @@ class Blocks {
     values_.insert(values_.end(), block.begin(), block.end());
   }
   std::vector<double> values_;
-  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_, bow_;
 };
 
 }  // namespace
 
 SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
+  if (has_clocks(cal)) return solve_moving(cal, spec);
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
   const Offsets offsets = offsets_of(cal);
-  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false),
+      bow_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
@@ -177,8 +204,11 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
     std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
     if (target > 0) parameters.push_back(blocks.T_board0_board(target));
+    const bool bowed = offsets.bow[target] >= 0;
+    if (bowed) parameters.push_back(blocks.bow(target));
     problem.AddResidualBlock(
-        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0).release(),
+        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0, bowed)
+            .release(),
         nullptr, parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
@@ -190,9 +220,14 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
       ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
     }
+    if (bowed && !bow_seen[target]) {
+      bow_seen[target] = true;
+      hold_numbers(problem, blocks.bow(target), 2, offsets.bow[target], spec);
+      ordering->AddElementToGroup(blocks.bow(target), 1);
+    }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_lens(problem, k, n_params(lens), offsets.lens[cam], spec);
+    hold_numbers(problem, k, n_params(lens), offsets.lens[cam], spec);
     ordering->AddElementToGroup(k, 1);
     if (cam == 0)
       problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
@@ -223,12 +258,14 @@ SolveReport solve(Calibration& cal, const SolveSpec& spec) {
 
 int evaluate(Calibration& cal) {
   int n_lost = 0;
+  const auto trajectory = has_clocks(cal) ? std::optional(trajectory_of(cal)) : std::nullopt;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       CornerFit& fit = cal.fits[v][i];
-      const auto px = predict(cal, view, view.corners[i].point);
+      const int point = view.corners[i].point;
+      const auto px = trajectory ? predict(cal, *trajectory, view, point) : predict(cal, view, point);
       fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
       if (px) continue;
       fit.outlier = true;

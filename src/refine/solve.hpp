@@ -36,7 +36,7 @@ struct SolveReport {
 /// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
-/// The reference: Ceres on one thread, one cost for each view.
+/// The reference: Ceres on one thread, one cost for each view; of a calibration with clocks solve_moving().
 SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
@@ -48,6 +48,8 @@ std::vector<Observation> observations_of(const Calibration& calibration, std::si
 /// and board[0] = -1: camera 0 and the first board have none.
 struct Offsets {
   std::vector<int> lens, pose, board;
+  std::vector<int> bow = {};                           ///< per target; -1: it is flat
+  std::vector<int> line_delay = {}, time_offset = {};  ///< per camera; -1: it has none
   int total = 0;
 };
 Offsets offsets_of(const Calibration& calibration);

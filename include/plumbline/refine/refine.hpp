@@ -16,6 +16,14 @@ enum class Solver {
   kCeres    ///< the reference: same optimum, slower
 };
 
+/// Whether something beyond lenses and poses is estimated.
+enum class Estimate {
+  kNo,
+  kYes,
+  kAuto  ///< when it lowers the cost by more than chance would: an F-test with a false-alarm rate of 1 % over
+         ///< all that are tried; stats.effects tells of each
+};
+
 struct RefineOptions {
   std::vector<std::string> lenses{"opencv5"};  ///< one for all cameras, or one per camera in order
   Start start = Start::kAuto;  ///< kAuto: DLT where a camera has a view with enough non-coplanar points,
@@ -31,7 +39,11 @@ struct RefineOptions {
   bool use_sigma = false;  ///< weight each corner by 1 / sigma_px
   int max_iterations = 200;
   Solver solver = Solver::kBlocks;
-  int n_threads = 0;  ///< <= 0: all cores; results do not depend on it
+  int n_threads = 0;             ///< <= 0: all cores; results do not depend on it
+  Estimate bow = Estimate::kNo;  ///< of each flat board (Calibration::bow_m)
+  /// Of each camera, and of each but the first (Calibration::clocks). Both need times of all views, and frames
+  /// that follow one another as a smooth motion does: kDegenerate says what is missing. kAuto without times: no.
+  Estimate line_delay = Estimate::kNo, time_offset = Estimate::kNo;
 };
 
 /// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics
