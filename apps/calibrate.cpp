@@ -8,6 +8,7 @@
 #include "calibrate_effects.hpp"
 #include "calibrate_inputs.hpp"
 #include "calibrate_report.hpp"
+#include "calibrate_start.hpp"
 #include "plumbline/io/calibration_io.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/files.hpp"
@@ -18,23 +19,21 @@ namespace {
 
 struct Options {
   CalibrateInputs inputs;
+  CalibrateStart start;
   std::string output;
-  std::string lens = "opencv5", start = "auto", loss = "squared", outliers = "auto";
+  std::string lens, loss = "squared", outliers = "auto";
   double loss_scale_px = 1.0, outlier_sigma = 5.0, max_rms_px = 0;
-  std::vector<std::string> fixed;
   bool use_sigma = false;
   EffectArgs effects;
 };
 
-RefineOptions refine_options(const Options& o, const Common& common, std::vector<std::string> lenses) {
+RefineOptions refine_options(const Options& o, const Common& common) {
   RefineOptions options;
-  options.lenses = std::move(lenses);
-  options.start = o.start == "zhang" ? Start::kZhang : o.start == "dlt" ? Start::kDlt : Start::kAuto;
+  fill_options(o.start, options);
   options.loss = o.loss == "huber" ? Loss::kHuber : o.loss == "cauchy" ? Loss::kCauchy : Loss::kSquared;
   options.loss_scale_px = o.loss_scale_px;
   options.mark_outliers = o.outliers != "off";
   options.outlier_sigma = o.outlier_sigma;
-  options.fixed = o.fixed;
   options.use_sigma = o.use_sigma;
   options.n_threads = common.n_threads;
   set_effects(o.effects, options);
@@ -46,18 +45,19 @@ Result<int> run(const Options& o, const Common& common) {
   const auto seconds_since = [](Clock::time_point t) {
     return std::chrono::duration<double>(Clock::now() - t).count();
   };
-  check_usage(o.inputs);
+  check_usage(o.start, o.inputs);
+  RefineOptions options = refine_options(o, common);
   if (Status s = check_output(o.output, common); !s) return s.error();
   const auto start = Clock::now();
-  auto data = load_observations(o.inputs, common);
-  if (!data) return data.error();
-  if (Status s = add_times(o.effects, *data); !s) return s.error();
+  const auto problem = load_problem(o.start, o.inputs, o.lens, common);
+  if (!problem) return problem.error();
   const double detect_s = seconds_since(start);
-  auto lenses = parse_lenses(o.lens, data->cameras);
+  auto lenses = parse_lenses(o.lens.empty() ? "opencv5" : o.lens, problem->data.cameras);
   if (!lenses) return lenses.error();
+  options.lenses = *lenses;
 
   const auto solve_start = Clock::now();
-  auto calibration = calibrate(*data, refine_options(o, common, *lenses));
+  auto calibration = problem->start ? refine(*problem->start, options) : calibrate(problem->data, options);
   if (!calibration) return calibration.error();
   const double solve_s = seconds_since(solve_start);
   calibration->provenance.version = PLUMBLINE_VERSION;
@@ -90,10 +90,10 @@ Result<int> run(const Options& o, const Common& common) {
 void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   auto o = std::make_shared<Options>();
   add_input_options(app, o->inputs);
-  app.add_option("--lens", o->lens, "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5)");
-  app.add_option("--start", o->start,
-                 "first estimate: zhang (flat boards), dlt (points that are not coplanar), auto")
-      ->check(CLI::IsMember({"auto", "zhang", "dlt"}));
+  add_start_options(app, o->start);
+  app.add_option(
+      "--lens", o->lens,
+      "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5, or those of the start)");
   app.add_option("--loss", o->loss, "squared, huber or cauchy")
       ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
   app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")->check(positive());
@@ -101,9 +101,6 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
       ->check(CLI::IsMember({"auto", "off"}));
   app.add_option("--outlier-sigma", o->outlier_sigma, "how far off, in robust standard deviations")
       ->check(positive());
-  app.add_option("--fix", o->fixed,
-                 "hold parameters: k3 (every camera) or 'left fx'; several separated by commas")
-      ->delimiter(',');
   app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
   add_effect_options(app, o->effects);
   app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")

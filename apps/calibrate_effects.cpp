@@ -78,9 +78,6 @@ void add_effect_options(CLI::App& app, EffectArgs& args) {
          "cameras), or auto: each that is significant; several separated by commas")
       ->delimiter(',')
       ->check(CLI::IsMember({"bow", "line-delay", "time-offset", "auto"}));
-  app.add_option("--times", args.times,
-                 "when the images were taken: a CSV file of image,time_s, or 'names' for files named by "
-                 "nanoseconds");
 }
 
 void set_effects(const EffectArgs& args, RefineOptions& options) {
@@ -93,10 +90,10 @@ void set_effects(const EffectArgs& args, RefineOptions& options) {
   options.time_offset = has("time-offset") ? Estimate::kYes : otherwise;
 }
 
-Status add_times(const EffectArgs& args, Dataset& data) {
-  if (args.times.empty()) return {};
+Status add_times(const std::string& times, Dataset& data) {
+  if (times.empty()) return {};
   std::map<std::string, Time> of_image;
-  if (args.times == "names") {
+  if (times == "names") {
     for (const View& view : data.views) {
       const auto time = time_of_name(view.image);
       if (!time) {
@@ -107,13 +104,13 @@ Status add_times(const EffectArgs& args, Dataset& data) {
       of_image[view.image] = *time;
     }
   } else {
-    auto listed = read_times(args.times);
+    auto listed = read_times(times);
     if (!listed) return listed.error();
     for (const View& view : data.views) {
       auto found = listed->find(view.image);
       if (found == listed->end()) found = listed->find(std::filesystem::path(view.image).filename().string());
       if (found == listed->end())
-        return Error{ErrorCode::kInvalidData, "it has no time for image " + view.image, args.times};
+        return Error{ErrorCode::kInvalidData, "it has no time for image " + view.image, times};
       of_image[view.image] = found->second;
     }
   }

@@ -11,7 +11,6 @@ namespace plumbline::apps {
 
 struct EffectArgs {
   std::vector<std::string> refine;  ///< bow, line-delay, time-offset, auto
-  std::string times;                ///< a CSV file, "names", or empty
 };
 void add_effect_options(CLI::App& app, EffectArgs& args);
 void set_effects(const EffectArgs& args, RefineOptions& options);
@@ -19,7 +18,7 @@ void set_effects(const EffectArgs& args, RefineOptions& options);
 /// Gives the views their times: from a CSV file of image,time_s (images by their names as in the data set, or
 /// without folders where that is unique), or from file names that are a whole number of nanoseconds. Seconds
 /// since the first image's whole second, so that a double holds them to far below a nanosecond.
-Status add_times(const EffectArgs& args, Dataset& data);
+Status add_times(const std::string& times, Dataset& data);
 
 void add_effects(const Calibration& calibration, Json& json);
 std::string text_of_effects(const Calibration& calibration);

@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "calibrate_effects.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/files.hpp"
@@ -28,10 +29,11 @@ void add_view(Dataset& data, std::map<std::string, int>& frame_of, int cam, cons
 }
 
 Result<Dataset> load_vnl(const CalibrateInputs& in) {
-  if (in.targets.size() != 1) usage_error("--corners with a .vnl file needs one --target");
+  if (in.targets.size() != 1 && (!in.targets.empty() || in.known_targets.size() != 1))
+    usage_error("--corners with a .vnl file needs one --target");
   if (in.image_size.empty()) usage_error("--corners with a .vnl file needs --image-size WIDTHxHEIGHT");
   Dataset data;
-  auto target = load_target(in.targets[0]);
+  auto target = in.targets.empty() ? Result<Target>(in.known_targets[0]) : load_target(in.targets[0]);
   if (!target) return target.error();
   data.targets = {*std::move(target)};
   data.detector = "corners read from a .vnl file";
@@ -116,11 +118,17 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
       ->check(CLI::IsMember({"name", "order"}));
   app.add_option("--corners", in.corners, "corners.yaml of ours, or mrcal's corners.vnl, instead of images");
   app.add_option("--image-size", in.image_size, "WIDTHxHEIGHT, with a .vnl file");
+  app.add_option("--times", in.times,
+                 "when the images were taken: a CSV file of image,time_s, or 'names' for files named by "
+                 "nanoseconds");
 }
 
-Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
+namespace {
+
+Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
-  auto targets = load_targets(in.targets);
+  auto targets =
+      in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
   if (!targets) return targets.error();
   auto images = find_images(in.cams, in.pair_by == "order");
   if (!images) return images.error();
@@ -129,6 +137,15 @@ Result<Dataset> load_observations(const CalibrateInputs& in, const Common& commo
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
   return detect_dataset(*images, *targets, options);
+}
+
+}  // namespace
+
+Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
+  auto data = load_without_times(in, common);
+  if (!data) return data;
+  if (Status s = add_times(in.times, *data); !s) return s.error();
+  return data;
 }
 
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,
@@ -148,11 +165,8 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
     if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    const auto known = lens_names();
-    if (std::find(known.begin(), known.end(), lens) == known.end()) {
-      const auto made = make_lens(lens, ImageSize{}, 1.0);
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made)
       usage_error("--lens: " + made.error().message);
-    }
     lenses.push_back(lens);
   }
   if (!by_camera.empty())

@@ -42,12 +42,11 @@ Json json_of_cameras(const Calibration& c) {
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
     const Camera& camera = c.rig.cameras[i];
     Json parameters;
-    for (std::size_t k = 0; k < params(camera.lens).size(); ++k) {
-      parameters[std::string(param_names(camera.lens)[k])] = params(camera.lens)[k];
-    }
+    const auto names = param_names(camera.lens);
+    for (std::size_t k = 0; k < names.size(); ++k) parameters[names[k]] = params(camera.lens)[k];
     const int cam = static_cast<int>(i);
     cameras.push_back({{"name", camera.name},
-                       {"lens", lens_name(camera.lens)},
+                       {"lens", lens_spec(camera.lens)},
                        {"width", camera.size.width},
                        {"height", camera.size.height},
                        {"params", parameters},
@@ -171,6 +170,10 @@ Json json_of_calibration(const Calibration& c) {
     json["weak"].push_back(
         {{"parameters", w.parameters}, {"sigma", w.sigma}, {"consequence", w.consequence}});
   }
+  for (const PriorPull& p : c.stats.priors) {
+    json["priors"].push_back(
+        {{"parameter", p.parameter}, {"value", p.value}, {"sigma", p.sigma}, {"pull_sigmas", p.pull_sigmas}});
+  }
   if (shows_camera_matrix(c)) json["camera_matrices"] = json_of_camera_matrices(c);
   json["detector"] = c.data.detector;
   return json;
@@ -183,11 +186,17 @@ std::string text_of_calibration(const Calibration& c) {
     const Camera& camera = c.rig.cameras[i];
     const int cam = static_cast<int>(i);
     text +=
-        fmt::format("{}: {} {}x{}, {} of {} {} used, rms {:.4f} px\n", camera.name, lens_name(camera.lens),
+        fmt::format("{}: {} {}x{}, {} of {} {} used, rms {:.4f} px\n", camera.name, lens_spec(camera.lens),
                     camera.size.width, camera.size.height, views_used(c, cam), images_of(c, cam),
                     c.data.targets.size() > 1 ? "views of boards" : "images", camera_rms_px(c, cam));
-    for (std::size_t p = 0; p < params(camera.lens).size(); ++p, ++k) {
-      text += fmt::format("  {:<3} {:>14.8g}", param_names(camera.lens)[p], params(camera.lens)[p]);
+    const auto names = param_names(camera.lens);
+    for (std::size_t p = 0; p < names.size(); ++p, ++k) {
+      if (p >= 4 && is_sparse(camera.lens)) {
+        text += fmt::format("  and {} control points\n", (names.size() - p) / 2);
+        k += static_cast<int>(names.size() - p);
+        break;
+      }
+      text += fmt::format("  {:<3} {:>14.8g}", names[p], params(camera.lens)[p]);
       if (c.covariance && (*c.covariance)(k, k) >= 0)
         text += fmt::format("  +- {:.2g}", std::sqrt((*c.covariance)(k, k)));
       text += "\n";
@@ -195,6 +204,8 @@ std::string text_of_calibration(const Calibration& c) {
   }
   for (std::size_t i = 1; i < c.rig.cameras.size(); ++i)
     text += text_of_pose(c.rig.cameras[i].name, c.rig.cameras[0].name, c.rig.T_cam_rig[i]);
+  if (const auto joined = c.provenance.options.find("joined by motion"); joined != c.provenance.options.end())
+    text += fmt::format("joined by motion alone: {}\n", joined->second);
   for (std::size_t i = 1; i < c.data.targets.size(); ++i)
     text += text_of_pose(c.data.targets[i].name, c.data.targets[0].name, c.T_board0_board[i].inverse());
   text += text_of_effects(c);
@@ -215,6 +226,9 @@ std::string text_of_calibration(const Calibration& c) {
       "rms {:.6f} px over {} corners ({:.6f} px per coordinate), {} outliers; {} iterations: {}\n",
       c.stats.rms_px, c.stats.n_corners, c.stats.rms_xy_px, c.stats.n_outliers, c.stats.iterations,
       c.stats.termination);
+  for (const PriorPull& p : c.stats.priors)
+    text += fmt::format("prior: {} = {:.8g} +- {:.3g}: the estimate is {:+.2f} sigmas from it\n", p.parameter,
+                        p.value, p.sigma, p.pull_sigmas);
   for (const WeakDirection& w : c.stats.weak)
     text += fmt::format("WEAK: {}: {}\n", w.parameters, w.consequence);
   return text;

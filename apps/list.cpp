@@ -21,7 +21,12 @@ struct Table {
 std::string lens_parameters(std::string_view name) {
   std::vector<std::string> names;
   const Lens lens = *make_lens(name, {}, 1.0);
-  for (std::string_view p : param_names(lens)) names.emplace_back(p);
+  for (const std::string& p : param_names(lens)) {
+    names.push_back(p);
+    if (!is_sparse(lens) || names.size() < 8) continue;
+    names.emplace_back("...");
+    break;
+  }
   return join(names, " ");
 }
 

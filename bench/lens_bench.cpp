@@ -170,7 +170,7 @@ constexpr const char* mrcal_name(std::string_view name) {
   return nullptr;
 }
 
-template <class L>
+template <FixedLens L>
 void register_lens() {
   const std::string name(L::kName);
   const auto add = [&](const std::string& what, auto function) {
@@ -194,7 +194,10 @@ void register_lens() {
 template <class... L>
 bool register_all(std::variant<L...>*) {
   cv::setNumThreads(1);
-  (register_lens<L>(), ...);
+  const auto add = []<class Any>(const Any*) {
+    if constexpr (FixedLens<Any>) register_lens<Any>();
+  };
+  (add(static_cast<const L*>(nullptr)), ...);
   return true;
 }
 const bool kRegistered = register_all(static_cast<Lens*>(nullptr));

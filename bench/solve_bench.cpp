@@ -62,7 +62,8 @@ int main(int argc, char** argv) {
       continue;
     }
     std::printf(
-        "{\"tool\": \"%s\", \"lens\": \"%s\", \"views\": %d, \"cams\": %d, \"threads\": %d, \"cpu_ms\": %.4f, "
+        "{\"tool\": \"%s\", \"lens\": \"%s\", \"views\": %d, \"cams\": %d, \"threads\": %d, \"cpu_ms\": "
+        "%.4f, "
         "\"wall_ms\": %.4f, \"rms_xy_px\": %.9f, \"iterations\": %d, \"error_px\": %.5f, \"mb\": %.1f}\n",
         tool.c_str(), lens.c_str(), n_views, n_cams, n_threads, 1e3 * outcome->seconds, 1e3 * outcome->wall_s,
         outcome->rms_xy_px, outcome->iterations, lens_error_px(outcome->rig, set.truth), peak_mb - base_mb);

@@ -63,11 +63,11 @@ std::optional<Outcome> solve(const SolveSet& set, bool tight) {
     for (const Corner& c : view.corners) {
       auto* cost = new CornerCost<L>{cal.data.targets[0].points[c.point], c.px};
       if (view.cam == 0)
-        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerCost<L>, 2, L::kNumParams, 6>(cost), nullptr, k,
-                                 boards[view.frame].data());
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerCost<L>, 2, L::kNumParams, 6>(cost),
+                                 nullptr, k, boards[view.frame].data());
       else
-        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerCost<L>, 2, L::kNumParams, 6, 6>(cost), nullptr,
-                                 k, cams[view.cam].data(), boards[view.frame].data());
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerCost<L>, 2, L::kNumParams, 6, 6>(cost),
+                                 nullptr, k, cams[view.cam].data(), boards[view.frame].data());
     }
     ordering->AddElementToGroup(boards[view.frame].data(), 0);
     ordering->AddElementToGroup(k, 1);
@@ -97,8 +97,14 @@ std::optional<Outcome> solve(const SolveSet& set, bool tight) {
 }  // namespace
 
 std::optional<Outcome> run_autodiff(const SolveSet& set, bool tight) {
-  return std::visit([&](const auto& lens) { return solve<std::decay_t<decltype(lens)>>(set, tight); },
-                    set.truth.cameras[0].lens);
+  return std::visit(
+      [&]<class L>(const L&) -> std::optional<Outcome> {
+        if constexpr (FixedLens<L>)
+          return solve<L>(set, tight);
+        else
+          return std::nullopt;
+      },
+      set.truth.cameras[0].lens);
 }
 
 }  // namespace bench

@@ -22,10 +22,10 @@ Corners corners_of(const SolveSet& set, int cam) {
   Corners out;
   for (const View& view : set.start.data.views) {
     if (view.cam != cam) continue;
-    auto &b = out.board.emplace_back();
-    auto &q = out.px.emplace_back();
-    auto &bd = out.board_d.emplace_back();
-    auto &qd = out.px_d.emplace_back();
+    auto& b = out.board.emplace_back();
+    auto& q = out.px.emplace_back();
+    auto& bd = out.board_d.emplace_back();
+    auto& qd = out.px_d.emplace_back();
     for (const Corner& c : view.corners) {
       const Vec3& p = set.start.data.targets[0].points[c.point];
       bd.emplace_back(p.x(), p.y(), 0);

@@ -10,7 +10,8 @@ std::optional<Outcome> run(const SolveSet& set, plumbline::Solver solver, int n_
   Outcome outcome;
   plumbline::Calibration cal = set.start;
   const Stopwatch watch;
-  const auto report = plumbline::detail::solve(cal, {.max_iterations = 500, .solver = solver, .n_threads = n_threads});
+  const auto report =
+      plumbline::detail::solve(cal, {.max_iterations = 500, .solver = solver, .n_threads = n_threads});
   watch.stop(outcome);
   if (!report.usable) return std::nullopt;
   std::size_t n = 0;

@@ -29,7 +29,8 @@ Rig true_rig(const std::string& lens, int n_cams) {
   for (int cam = 0; cam < n_cams; ++cam) {
     std::vector<double> k = true_lens(lens);
     if (cam > 0) {
-      for (std::size_t i = 0; i < k.size(); ++i) k[i] = i < 4 ? k[i] + rng.normal(6) : k[i] * (1 + rng.normal(0.03));
+      for (std::size_t i = 0; i < k.size(); ++i)
+        k[i] = i < 4 ? k[i] + rng.normal(6) : k[i] * (1 + rng.normal(0.03));
     }
     rig.cameras.push_back({"cam" + std::to_string(cam), kSize, *make_lens(lens, k)});
     const Vec3 w = cam > 0 ? Vec3(rng.normal(0.02), rng.normal(0.02), rng.normal(0.02)) : Vec3(0, 0, 0);
@@ -56,7 +57,8 @@ SE3 random_pose(const Lens& lens, Rng& rng, double depth_more) {
 }
 
 // The corners, when the whole board is in the image and not beyond 65 degrees from the axis (kb4) or 46.
-std::optional<std::vector<Corner>> see(const Camera& camera, const SE3& T, const std::vector<Vec3>& points, Rng& rng) {
+std::optional<std::vector<Corner>> see(const Camera& camera, const SE3& T, const std::vector<Vec3>& points,
+                                       Rng& rng) {
   std::vector<Corner> corners;
   const double least_cosine = is_central_perspective(camera.lens) ? 0.69 : 0.42;
   for (int id = 0; id < static_cast<int>(points.size()); ++id) {
@@ -91,7 +93,8 @@ SolveSet make_set(const std::string& lens, int n_views, int n_cams) {
     const SE3 T = random_pose(set.truth.cameras[0].lens, rng, n_cams > 2 ? 0.25 : 0.0);
     std::vector<View> views;
     for (int cam = 0; cam < n_cams; ++cam) {
-      auto corners = see(set.truth.cameras[cam], set.truth.T_cam_rig[cam] * T, cal.data.targets[0].points, rng);
+      auto corners =
+          see(set.truth.cameras[cam], set.truth.T_cam_rig[cam] * T, cal.data.targets[0].points, rng);
       if (corners) {
         const int frame = static_cast<int>(cal.data.frames.size());
         views.push_back({cam, frame, std::to_string(frame), *std::move(corners), ""});
@@ -109,7 +112,8 @@ SolveSet make_set(const std::string& lens, int n_views, int n_cams) {
     for (std::size_t i = 4; i < k.size(); ++i) k[i] = 0;
   }
   for (std::size_t cam = 1; cam < cal.rig.T_cam_rig.size(); ++cam)
-    cal.rig.T_cam_rig[cam] = box_plus(cal.rig.T_cam_rig[cam], (Vec6() << 0.01, -0.01, 0.01, 0.003, 0.003, -0.003).finished());
+    cal.rig.T_cam_rig[cam] =
+        box_plus(cal.rig.T_cam_rig[cam], (Vec6() << 0.01, -0.01, 0.01, 0.003, 0.003, -0.003).finished());
   for (const View& view : cal.data.views) cal.fits.emplace_back(view.corners.size());
   cal.view_reason.assign(cal.data.views.size(), "");
   return set;

@@ -8,8 +8,8 @@ namespace bench {
 
 /// A simulated calibration: what was seen, where every solver starts, and what is true.
 struct SolveSet {
-  plumbline::Calibration start;  ///< with the corners; poses off by 1.7 degrees and 3 %, focal lengths by 5 %,
-                                 ///< centres in the middle, no distortion
+  plumbline::Calibration start;  ///< with the corners; poses off by 1.7 degrees and 3 %, focal lengths by 5
+                                 ///< %, centres in the middle, no distortion
   plumbline::Rig truth;
 };
 

@@ -37,7 +37,8 @@ class Stopwatch {
 std::optional<Outcome> run_plumbline(const SolveSet& set, int n_threads);
 std::optional<Outcome> run_our_ceres(const SolveSet& set);  ///< our reference: an analytic cost for each view
 std::optional<Outcome> run_autodiff(const SolveSet& set, bool tight);  ///< Ceres as a user would write it
-std::optional<Outcome> run_opencv(const SolveSet& set, bool use_lu);   ///< calibrateCamera, stereoCalibrate, fisheye
-std::optional<Outcome> run_mrcal(const SolveSet& set);                 ///< mrcal_optimize without extras
+std::optional<Outcome> run_opencv(const SolveSet& set,
+                                  bool use_lu);         ///< calibrateCamera, stereoCalibrate, fisheye
+std::optional<Outcome> run_mrcal(const SolveSet& set);  ///< mrcal_optimize without extras
 
 }  // namespace bench

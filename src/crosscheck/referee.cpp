@@ -155,7 +155,7 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
   selections.do_optimize_intrinsics_distortions = solve.distortion;
   selections.do_optimize_extrinsics = n_cams > 1;
   selections.do_optimize_frames = true;
-  selections.do_apply_regularization = false;
+  selections.do_apply_regularization = solve.regularise;
   selections.do_optimize_calobject_warp = problem.warp_m.has_value();
   mrcal_calobject_warp_t warp{};
   if (problem.warp_m) std::copy_n(problem.warp_m->data(), 2, warp.values);

@@ -57,7 +57,8 @@ Problem make_problem(const Calibration& calibration, const Lattice& lattice,
 /// What mrcal_optimize may change.
 struct Solve {
   bool core = true, distortion = true;
-  int max_rounds = 8;  ///< mrcal stops on thresholds of its own; the next round starts where it stopped
+  bool regularise = false;  ///< with mrcal's own terms, which a splined lens needs
+  int max_rounds = 8;       ///< mrcal stops on thresholds of its own; the next round starts where it stopped
 };
 
 /// Runs mrcal_optimize from the problem's state and leaves the optimum there, without outlier rejection,

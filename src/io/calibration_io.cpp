@@ -42,12 +42,18 @@ void write_summary(std::string& out, const SolveStats& stats) {
     append(out, "    - parameters: {}\n      sigma: {}\n      consequence: {}\n", yaml_text(weak.parameters),
            number_text(weak.sigma), yaml_text(weak.consequence));
   }
+  if (!stats.priors.empty()) out += "  priors:\n";
+  for (const PriorPull& prior : stats.priors) {
+    append(out, "    - parameter: {}\n      value: {}\n      sigma: {}\n      pull_sigmas: {}\n",
+           yaml_text(prior.parameter), number_text(prior.value), number_text(prior.sigma),
+           number_text(prior.pull_sigmas));
+  }
   write_effect_tries(out, stats.effects);
 }
 
 SolveStats read_summary(const Field& field) {
   field.only({"rms_px", "rms_xy_px", "corners", "outliers", "iterations", "converged", "termination", "weak",
-              "effects"});
+              "priors", "effects"});
   SolveStats stats;
   stats.rms_px = field.at("rms_px").number();
   stats.rms_xy_px = field.at("rms_xy_px").number();
@@ -64,6 +70,13 @@ SolveStats read_summary(const Field& field) {
     }
   }
   stats.effects = read_effect_tries(field);
+  if (const auto priors = field.find("priors")) {
+    for (const Field& item : priors->items()) {
+      item.only({"parameter", "value", "sigma", "pull_sigmas"});
+      stats.priors.push_back({item.at("parameter").text(), item.at("value").number(),
+                              item.at("sigma").number(), item.at("pull_sigmas").number()});
+    }
+  }
   return stats;
 }
 
@@ -306,9 +319,9 @@ Camera read_camera(const Field& field) {
   const ImageSize size{field.at("width").integer(1, 1'000'000), field.at("height").integer(1, 1'000'000)};
   const Lens names = value_or_throw(make_lens(lens, size, 1.0), field.at("lens"));
   std::vector<double> values;
-  for (std::string_view name : param_names(names)) values.push_back(parameters.at(name).number());
+  const auto known = param_names(names);
+  for (const std::string& name : known) values.push_back(parameters.at(name).number());
   for (const auto& [key, value] : parameters.entries()) {
-    const auto known = param_names(names);
     if (std::find(known.begin(), known.end(), key) == known.end()) {
       value.fail(fmt::format("lens {} has no parameter '{}'", lens, key.substr(0, 40)));
     }
@@ -342,7 +355,7 @@ void write_rig_fields(std::string& out, const Rig& rig) {
   out += "cameras:\n";
   for (const Camera& camera : rig.cameras) {
     append(out, "  - name: {}\n    width: {}\n    height: {}\n    lens: {}\n    parameters:\n",
-           yaml_text(camera.name), camera.size.width, camera.size.height, lens_name(camera.lens));
+           yaml_text(camera.name), camera.size.width, camera.size.height, yaml_text(lens_spec(camera.lens)));
     const auto names = param_names(camera.lens);
     const auto values = params(camera.lens);
     for (std::size_t i = 0; i < names.size(); ++i)

@@ -93,19 +93,46 @@ std::optional<Vec3> newton(const L& lens, const Vec2& px, Vec2 chart) {
   return ray_of<L>(chart).normalized();
 }
 
+// Newton's method from radial starts: along `direction` first, then turned by what the tangential terms
+// turned the image, which near a fold decides whether Newton's method arrives.
+template <class L>
+std::optional<Vec3> from_radial_starts(const L& lens, const Vec2& px, Vec2 direction, const Vec2& centre_px) {
+  for (int turn = 0; turn < 4; ++turn) {
+    const Vec2 start = radial_start(lens, direction, px, centre_px);
+    if (const auto ray = newton(lens, px, start)) return ray;
+    const auto landed = lens.project(ray_of<L>(start));
+    if (!landed) break;
+    const Vec2 scale(1 / lens.fx, 1 / lens.fy), a = (*landed - centre_px).cwiseProduct(scale),
+                                                b = (px - centre_px).cwiseProduct(scale);
+    const double angle = std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
+    if (!(std::abs(angle) > 1e-12)) break;
+    direction = Vec2(std::cos(angle) * direction.x() - std::sin(angle) * direction.y(),
+                     std::sin(angle) * direction.x() + std::cos(angle) * direction.y());
+  }
+  return std::nullopt;
+}
+
+template <class L>
+std::optional<Vec3> unproject_by_newton(const L& l, const Vec2& px) {
+  const Vec2 centre_px(l.cx, l.cy), m((px.x() - l.cx) / l.fx, (px.y() - l.cy) / l.fy);
+  const double radius = m.norm();
+  const Vec2 direction = radius > 0 ? Vec2(m / radius) : Vec2(1, 0);
+  // The undistorted position is right or close for most lenses; the bisection catches the rest.
+  const Vec2 start = L::kIsCentralPerspective ? m : Vec2(std::fmin(radius, 3.0) * direction);
+  if (const auto ray = newton(l, px, start)) return ray;
+  return from_radial_starts(l, px, direction, centre_px);
+}
+
 }  // namespace
 
 std::optional<Vec3> unproject(const Lens& lens, const Vec2& px) {
   if (!px.allFinite()) return std::nullopt;
   return std::visit(
       [&]<class L>(const L& l) -> std::optional<Vec3> {
-        const Vec2 centre_px(l.cx, l.cy), m((px.x() - l.cx) / l.fx, (px.y() - l.cy) / l.fy);
-        const double radius = m.norm();
-        const Vec2 direction = radius > 0 ? Vec2(m / radius) : Vec2(1, 0);
-        // The undistorted position is right or close for most lenses; the bisection catches the rest.
-        const Vec2 start = L::kIsCentralPerspective ? m : Vec2(std::fmin(radius, 3.0) * direction);
-        if (const auto ray = newton(l, px, start)) return ray;
-        return newton(l, px, radial_start(l, direction, px, centre_px));
+        if constexpr (CountedLens<L>)
+          return l.unproject(px);
+        else
+          return unproject_by_newton(l, px);
       },
       lens);
 }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <cmath>
 #include <map>
 
@@ -7,14 +8,17 @@
 namespace plumbline {
 namespace {
 
-// The inlier corners of camera `cam` by (frame, point).
-std::map<std::pair<int, int>, Vec2> inliers_of(const Calibration& calibration, int cam) {
-  std::map<std::pair<int, int>, Vec2> out;
+// The inlier corners of a camera by (frame, target, point).
+using Corners = std::map<std::array<int, 3>, Vec2>;
+
+Corners inliers_of(const Calibration& calibration, int cam) {
+  Corners out;
   for (std::size_t v = 0; v < calibration.data.views.size() && v < calibration.fits.size(); ++v) {
     const View& view = calibration.data.views[v];
     if (view.cam != cam || calibration.fits[v].size() != view.corners.size()) continue;
     for (std::size_t c = 0; c < view.corners.size(); ++c) {
-      if (!calibration.fits[v][c].outlier) out[{view.frame, view.corners[c].point}] = view.corners[c].px;
+      if (!calibration.fits[v][c].outlier)
+        out[{view.frame, view.target, view.corners[c].point}] = view.corners[c].px;
     }
   }
   return out;
@@ -34,7 +38,7 @@ std::optional<Vec2> rectify_pixel(const StereoRectification& rectification, cons
 
 std::optional<double> vertical_rms_px(const StereoRectification& rectification,
                                       const Calibration& calibration) {
-  std::map<std::pair<int, int>, Vec2> corners[2];
+  Corners corners[2];
   const Lens* lens[2] = {};
   for (int i = 0; i < 2; ++i) {
     const auto cam = calibration.rig.find(rectification.cameras[i]);

@@ -56,17 +56,31 @@ void add_transposed_product(const BlockFrame& frame, const double* B, const VecX
   }
 }
 
+// The matrix over the free numbers: rows and columns that share one are summed. \param A  lower triangle
+MatX reduced(const MatX& A, const Reduction& reduction) {
+  MatX out = MatX::Zero(reduction.n_free, reduction.n_free);
+  for (int j = 0; j < A.cols(); ++j) {
+    const int b = reduction.column[j];
+    if (b < 0) continue;
+    for (int i = j; i < A.rows(); ++i) {
+      const int a = reduction.column[i];
+      if (a < 0) continue;
+      out(a, b) += A(i, j);
+      if (i != j) out(b, a) += A(i, j);
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
-bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, std::vector<int> free,
+bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, Reduction reduction,
                        bool hold_boards, double lambda) {
   problem_ = &problem;
-  free_ = std::move(free);
+  reduction_ = std::move(reduction);
   lambda_ = lambda;
   hold_boards_ = hold_boards;
-  D_s_ = normal.A_ss.diagonal().cwiseMax(1e-300);
   MatX S = normal.A_ss;
-  S.diagonal() += lambda * D_s_;
   if (!hold_boards) {
     const std::size_t n_frames = problem.frames.size();
     L_ = normal.A_ff;
@@ -94,10 +108,19 @@ bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, s
     if (std::find(ok.begin(), ok.end(), 0) != ok.end()) return false;
     for (const MatX& sum : runs_) S -= sum;
   }
-  S.triangularView<Eigen::StrictlyUpper>() = S.transpose();
-  // To a unit diagonal: parameters of unlike units.
-  scale_ = VecX(D_s_(free_)).cwiseSqrt().cwiseInverse();
-  S_ = scale_.asDiagonal() * MatX(S(free_, free_)) * scale_.asDiagonal();
+  const VecX D = reduced(normal.A_ss, reduction_).diagonal().cwiseMax(1e-300);
+  S_ = reduced(S, reduction_);
+  S_.diagonal() += lambda * D;
+  scale_ = D.cwiseSqrt().cwiseInverse();  // to a unit diagonal: parameters of unlike units
+  S_ = (scale_.asDiagonal() * S_ * scale_.asDiagonal()).eval();
+  D_s_ = VecX::Zero(S.rows());
+  std::vector<bool> counted(static_cast<std::size_t>(reduction_.n_free), false);
+  for (int i = 0; i < S.rows(); ++i) {
+    const int column = reduction_.column[i];
+    if (column < 0 || counted[column]) continue;
+    counted[column] = true;
+    D_s_[i] = D[column];
+  }
   return true;
 }
 
@@ -111,10 +134,17 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
       subtract_product(problem_->frames[f], B_.data() + problem_->frames[f].at, d.boards[f], b);
     }
   }
-  if (!free_.empty()) {
-    const auto x = solve_spd(S_, scale_.cwiseProduct(VecX(b(free_))));
+  if (reduction_.n_free > 0) {
+    VecX b_free = VecX::Zero(reduction_.n_free);
+    for (int i = 0; i < b.size(); ++i) {
+      if (reduction_.column[i] >= 0) b_free[reduction_.column[i]] += b[i];
+    }
+    const auto x = solve_spd(S_, scale_.cwiseProduct(b_free));
     if (!x) return std::nullopt;
-    d.shared(free_) = -scale_.cwiseProduct(VecX(*x));
+    for (int i = 0; i < b.size(); ++i) {
+      const int column = reduction_.column[i];
+      if (column >= 0) d.shared[i] = -scale_[column] * (*x)[column];
+    }
   }
   if (!hold_boards_) {
     for (std::size_t f = 0; f < n_frames; ++f) {

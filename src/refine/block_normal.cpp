@@ -113,6 +113,14 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   return true;
 }
 
+PriorRows priors_at(const BlockProblem& problem, const BlockState& state) {
+  Calibration cal = problem.shared_only;
+  for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
+  cal.rig.T_cam_rig = state.T_cam_rig;
+  cal.T_board0_board = state.T_board0_board;
+  return prior_rows(cal, *problem.spec);
+}
+
 void add_segment(std::vector<Segment>& list, int first, int n) {
   for (const Segment& s : list) {
     if (s.first == first) return;
@@ -123,9 +131,16 @@ void add_segment(std::vector<Segment>& list, int first, int n) {
 }  // namespace
 
 BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
-  BlockProblem problem{offsets_of(cal), {},
-                       0,                   spec.loss,
-                       spec.loss_scale,     std::make_unique<Workers>(spec.n_threads)};
+  BlockProblem problem;
+  problem.offsets = offsets_of(cal);
+  problem.loss = spec.loss;
+  problem.loss_scale = spec.loss_scale;
+  problem.spec = &spec;
+  problem.workers = std::make_unique<Workers>(spec.n_threads);
+  if (!spec.priors.empty()) {
+    problem.shared_only.rig = cal.rig;
+    problem.shared_only.data.targets = cal.data.targets;
+  }
   std::vector<int> place(cal.T_rig_board.size(), -1);
   ViewCorners last;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
@@ -184,6 +199,12 @@ bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNorm
     normal.A_ss += sums.A;
     normal.g_s += sums.g;
   }
+  if (!problem.spec->priors.empty()) {
+    const PriorRows rows = priors_at(problem, state);
+    normal.cost += 0.5 * rows.r.squaredNorm();
+    normal.A_ss += rows.J.transpose() * rows.J;
+    normal.g_s += rows.J.transpose() * rows.r;
+  }
   return std::isfinite(normal.cost);
 }
 
@@ -221,9 +242,9 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
       for (const BlockView& view : problem.frames[f].views) {
         const Chain chain(state, view, f), ahead(other, view, f);
         const Lens& lens = state.lenses[view.cam];
-        const auto second = accumulate_second(
-            {lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale}, other.lenses[view.cam],
-            ahead.T_cam_board);
+        const auto second =
+            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale},
+                              other.lenses[view.cam], ahead.T_cam_board);
         if (!second) {
           sums.ok = false;
           break;
@@ -242,6 +263,8 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
     if (!sums.ok) return std::nullopt;
     out.shared += sums.g;
   }
+  if (!problem.spec->priors.empty())
+    out.shared += priors_at(problem, state).J.transpose() * priors_at(problem, other).r;
   return out;
 }
 

@@ -39,8 +39,11 @@ struct BlockProblem {
   std::size_t n_coupling = 0;  ///< numbers in the couplings of all frames
   Loss loss = Loss::kSquared;
   double loss_scale = 1;
+  const SolveSpec* spec = nullptr;  ///< of the priors, and of what is held and tied
+  Calibration shared_only;          ///< rig and boards without views, for the priors; empty without any
   std::unique_ptr<Workers> workers;
 };
+/// `spec` must outlive the problem.
 BlockProblem block_problem(const Calibration& calibration, const SolveSpec& spec);
 
 /// Sums of one run of frames (block_runs.hpp).
@@ -75,9 +78,9 @@ struct BlockVector {
 /// The damped normal matrix A + lambda diag(A) with the board poses eliminated.
 class BlockFactor {
  public:
-  /// False when a block is not positive definite. `free` lists the shared parameters that move; boards stay
-  /// with hold_boards. `normal` must outlive the factor.
-  bool make(const BlockProblem& problem, const BlockNormal& normal, std::vector<int> free, bool hold_boards,
+  /// False when a block is not positive definite. `reduction`: the free numbers behind the shared parameters;
+  /// boards stay with hold_boards. The problem must outlive the factor.
+  bool make(const BlockProblem& problem, const BlockNormal& normal, Reduction reduction, bool hold_boards,
             double lambda);
   /// The step d with (A + lambda diag(A)) d = -g, or nullopt when the matrix is not positive definite.
   std::optional<BlockVector> step(const BlockVector& g) const;
@@ -89,14 +92,14 @@ class BlockFactor {
  private:
   const BlockProblem* problem_ = nullptr;
   bool hold_boards_ = false;
-  std::vector<int> free_;
+  Reduction reduction_;
   // Of each frame: A_ff + damping = L L', B = A_sf L^-T, and the diagonal that the damping scales with.
   std::vector<Mat6> L_;
   std::vector<double> B_;
   std::vector<Vec6> D_f_;
   std::vector<MatX> runs_;
-  MatX S_;  // of the free parameters, scaled to a unit diagonal of A
-  VecX D_s_, scale_;
+  MatX S_;            // of the free numbers, scaled to a unit diagonal of A
+  VecX scale_, D_s_;  // D_s_: what damps each free number, at the first of the parameters that share it
   double lambda_ = 0;
 };
 

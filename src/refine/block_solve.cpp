@@ -13,10 +13,12 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
-// The cost is a sum of some ten thousand squares, good to some units in its last places.
 // Steps along a straight line are enough for ordinary lenses, and cost half.
 constexpr int kPlainIterations = 10;
+// An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
+constexpr int kEdgeMemory = 20;
+constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
+// The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
 
 BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
@@ -62,14 +64,21 @@ bool focal_lengths_positive(const BlockState& state) {
                      [](const Lens& lens) { return params(lens)[0] > 0 && params(lens)[1] > 0; });
 }
 
-// The shared parameters that move: not held, and with any effect on a residual.
-std::vector<int> free_parameters(const BlockNormal& normal, const SolveSpec& spec) {
-  std::vector<int> free;
-  for (int i = 0; i < normal.g_s.size(); ++i) {
-    const bool held = !spec.held.empty() && spec.held[i];
-    if (!held && normal.A_ss(i, i) > 0) free.push_back(i);
+// The numbers that move: not held, and with any effect on a residual.
+Reduction free_numbers(const BlockNormal& normal, const SolveSpec& spec) {
+  const int n = static_cast<int>(normal.g_s.size());
+  Reduction all = reduction_of(spec, n);
+  std::vector<double> effect(static_cast<std::size_t>(all.n_free), 0.0);
+  for (int i = 0; i < n; ++i) {
+    if (all.column[i] >= 0) effect[all.column[i]] += normal.A_ss(i, i);
   }
-  return free;
+  std::vector<int> number(effect.size(), -1);
+  all.n_free = 0;
+  for (std::size_t c = 0; c < effect.size(); ++c) {
+    if (effect[c] > 0) number[c] = all.n_free++;
+  }
+  for (int& column : all.column) column = column < 0 ? -1 : number[column];
+  return all;
 }
 
 // Adds half the geodesic acceleration to a step, so that it follows a curved valley to second order
@@ -101,6 +110,9 @@ bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
   for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
     if (bow_of(cal, static_cast<int>(i))) return false;
   }
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return false;
+  }
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal);
   std::vector<int> poses = offsets.pose;
@@ -119,15 +131,17 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   if (problem.frames.empty()) return {.termination = "no corner to use"};
   BlockState state = state_of(cal, problem);
   BlockNormal normal, next_normal;
-  if (!make_normal(problem, state, normal)) return {.termination = "a corner lies outside its lens' domain at the start"};
+  if (!make_normal(problem, state, normal))
+    return {.termination = "a corner lies outside its lens' domain at the start"};
   const double tolerance = spec.tight ? 1e-14 : 1e-7;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
+  int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
     ++report.iterations;
     const BlockVector g = gradient(normal);
-    auto step = factor.make(problem, normal, free_parameters(normal, spec), spec.hold_boards, damping)
+    auto step = factor.make(problem, normal, free_numbers(normal, spec), spec.hold_boards, damping)
                     ? factor.step(g)
                     : std::nullopt;
     double gain = 0, predicted = 0;
@@ -147,7 +161,10 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
-        if (make_normal(problem, next, next_normal)) gain = normal.cost - next_normal.cost;
+        if (make_normal(problem, next, next_normal))
+          gain = normal.cost - next_normal.cost;
+        else
+          last_edge = report.iterations;
         if (gain > 0) {
           state = std::move(next);
           std::swap(normal, next_normal);
@@ -172,6 +189,8 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       }
     }
   }
+  if (report.iterations - last_edge < kEdgeMemory)
+    report.termination += "; it lies at the edge of a lens' domain, so the views do not determine this lens";
   report.cost = normal.cost;
   report.usable = std::isfinite(report.cost);
   write_to(cal, problem, state);

@@ -10,8 +10,9 @@ namespace plumbline::detail {
 /// block_solver_can(calibration, spec)
 SolveReport solve_blocks(Calibration& calibration, const SolveSpec& spec);
 
-/// False for what only solve_ceres() knows: a board whose bow is a parameter; clocks; a rotation vector of
-/// which some but not all components are held, which is stepped in other coordinates.
+/// False when some but not all components of a camera's rotation vector are held: such a rotation is stepped
+/// in other coordinates, which only solve_ceres() knows; and for lenses with sparse derivatives, boards whose bow
+/// is a parameter, and clocks.
 bool block_solver_can(const Calibration& calibration, const SolveSpec& spec);
 
 }  // namespace plumbline::detail

@@ -20,6 +20,17 @@ SE3 pose_of(const double* block) {
   return T;
 }
 
+// J [-[v]_x | I | 0], two rows of seven columns; the row j (-[v]_x) is v x j.
+void write_pose(double* out, const Mat23& J, const Vec3& v) {
+  for (int row = 0; row < 2; ++row, out += 7) {
+    const Vec3 j = J.row(row);
+    const Vec3 w = v.cross(j);
+    std::copy_n(w.data(), 3, out);
+    std::copy_n(j.data(), 3, out + 3);
+    out[6] = 0;
+  }
+}
+
 template <class L>
 class SightingCost final : public ceres::SizedCostFunction<2, L::kNumParams, 7, 3> {
  public:
@@ -55,17 +66,39 @@ class SightingCost final : public ceres::SizedCostFunction<2, L::kNumParams, 7, 
   }
 
  private:
-  // J [-[v]_x | I | 0], two rows of seven columns; the row j (-[v]_x) is v x j.
-  static void write_pose(double* out, const Mat23& J, const Vec3& v) {
-    for (int row = 0; row < 2; ++row, out += 7) {
-      const Vec3 j = J.row(row);
-      const Vec3 w = v.cross(j);
-      std::copy_n(w.data(), 3, out);
-      std::copy_n(j.data(), 3, out + 3);
-      out[6] = 0;
-    }
+  Vec2 px_;
+  double weight_;
+};
+
+// A lens with thousands of parameters, which a bundle holds: a copy for each sighting would take gigabytes.
+class HeldLensCost final : public ceres::CostFunction {
+ public:
+  HeldLensCost(const Lens& lens, const Vec2& px, double weight) : lens_(lens), px_(px), weight_(weight) {
+    set_num_residuals(2);
+    *mutable_parameter_block_sizes() = {n_params(lens_), 7, 3};
   }
 
+  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
+    const SE3 T = pose_of(blocks[1]);
+    const Mat3 R = T.R();
+    const Vec3 turned = R * Vec3(blocks[2][0], blocks[2][1], blocks[2][2]);
+    Mat23 J_px_p;
+    const auto px = project(lens_, turned + T.t(), jacobians ? &J_px_p : nullptr);
+    if (!px || (jacobians && jacobians[0])) return false;
+    residuals[0] = weight_ * (px->x() - px_.x());
+    residuals[1] = weight_ * (px->y() - px_.y());
+    if (!jacobians) return true;
+    const Mat23 J_r_p = weight_ * J_px_p;
+    if (jacobians[1]) write_pose(jacobians[1], J_r_p, turned);
+    if (jacobians[2]) {
+      Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> J(jacobians[2]);
+      J.noalias() = J_r_p * R;
+    }
+    return true;
+  }
+
+ private:
+  const Lens& lens_;
   Vec2 px_;
   double weight_;
 };
@@ -144,7 +177,10 @@ class LinearManifold final : public ceres::Manifold {
 std::unique_ptr<ceres::CostFunction> make_sighting_cost(const Lens& lens, const Vec2& px, double sigma_px) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
-        return std::make_unique<SightingCost<L>>(px, 1 / sigma_px);
+        if constexpr (FixedLens<L>)
+          return std::make_unique<SightingCost<L>>(px, 1 / sigma_px);
+        else
+          return std::make_unique<HeldLensCost>(lens, px, 1 / sigma_px);
       },
       lens);
 }

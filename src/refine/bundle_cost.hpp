@@ -16,7 +16,8 @@ namespace plumbline::detail {
 /// The cost of one sighting: 2 residuals (projection - px) / sigma over the blocks [lens parameters |
 /// T_cam_world (7) | p_world (3)]. Poses are stepped as make_pose_manifold() steps them: the derivatives by
 /// the step stand in the first six of the seven columns. Evaluate returns false outside the lens' domain, and
-/// Ceres then rejects the step.
+/// Ceres then rejects the step. A lens with sparse derivatives must outlive the cost, which reads it instead
+/// of its block: that block is to be held constant, and asking for its derivatives fails.
 std::unique_ptr<ceres::CostFunction> make_sighting_cost(const Lens& lens, const Vec2& px, double sigma_px);
 
 /// One residual (|p_a - p_b| - length) / sigma over the blocks [p_a (3) | p_b (3)]; false where p_a = p_b,

@@ -24,6 +24,7 @@ Error bad_option(std::string message, std::string where) {
 std::string all_names(const Reconstruction& scene) {
   std::vector<std::string> names;
   for (const Camera& camera : scene.cameras) {
+    if (is_sparse(camera.lens)) continue;
     for (std::string_view name : param_names(camera.lens)) {
       if (std::find(names.begin(), names.end(), name) == names.end()) names.emplace_back(name);
     }
@@ -43,7 +44,14 @@ Result<std::vector<std::vector<bool>>> free_parameters(const Reconstruction& sce
       for (std::size_t i = 0; i < names.size(); ++i) {
         const bool meant =
             name == "all" || name == names[i] || name == scene.cameras[c].name + " " + std::string(names[i]);
-        if (meant) free[c][i] = found = true;
+        if (!meant) continue;
+        if (is_sparse(scene.cameras[c].lens)) {
+          return bad_option(fmt::format("a bundle holds lens {}, which has {} parameters; name those of the "
+                                        "other cameras, or give the camera a lens with fewer",
+                                        lens_name(scene.cameras[c].lens), names.size()),
+                            "free intrinsics '" + name + "'");
+        }
+        free[c][i] = found = true;
       }
     }
     if (!found) {

@@ -125,26 +125,33 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
     result.n_residuals += static_cast<int>(frame.J.rows());
     ++n_frames;
   }
-  std::vector<int> free;
-  for (int i = 0; i < offsets.total; ++i) {
-    if (spec.held.empty() || !spec.held[i]) free.push_back(i);
-  }
-  result.n_free = static_cast<int>(free.size()) + 6 * n_frames;
-  result.variance = result.n_residuals > result.n_free ? sum / (result.n_residuals - result.n_free) : 0.0;
+  const Reduction reduction = reduction_of(spec, offsets.total);
+  result.n_free = reduction.n_free + 6 * n_frames;
+  const int n_known = result.n_residuals + static_cast<int>(spec.priors.size());
+  result.variance = n_known > result.n_free ? sum / (n_known - result.n_free) / spec.variance_kept : 0.0;
   result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
-  if (free.empty()) return result;
+  if (reduction.n_free == 0) return result;
+  const MatX J_prior = prior_rows(cal, spec).J;
+  S.noalias() += J_prior.transpose() * J_prior;
+  // The step of the shared parameters is E times that of the free numbers.
+  MatX E = MatX::Zero(offsets.total, reduction.n_free);
+  for (int i = 0; i < offsets.total; ++i) {
+    if (reduction.column[i] >= 0) E(i, reduction.column[i]) = 1;
+  }
   // Scaled to a unit diagonal, so that radians, metres and pixels compare.
-  const MatX S_free = S(free, free);
+  const MatX S_free = E.transpose() * S * E;
   const VecX scale = S_free.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const SymEigen eigen = sym_eigen(scale.asDiagonal() * S_free * scale.asDiagonal());
   const double least = 1e-14 * eigen.values[eigen.values.size() - 1];
-  if (!(eigen.values[0] > least)) {
-    result.null_direction = VecX::Zero(offsets.total);
-    result.null_direction(free) = eigen.vectors.col(0);
-  }
+  if (!(eigen.values[0] > least)) result.null_direction = E * eigen.vectors.col(0);
   const MatX scaled = scale.asDiagonal() * eigen.vectors;
-  result.unit_covariance(free, free) =
-      scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
+  const MatX C = scaled * eigen.values.cwiseMax(least).cwiseInverse().asDiagonal() * scaled.transpose();
+  for (int i = 0; i < offsets.total; ++i) {
+    for (int j = 0; j < offsets.total; ++j) {
+      if (reduction.column[i] >= 0 && reduction.column[j] >= 0)
+        result.unit_covariance(i, j) = C(reduction.column[i], reduction.column[j]);
+    }
+  }
   return result;
 }
 

@@ -163,6 +163,15 @@ Result<Calibration> choose_effects(const Calibration& start, Calibration plain, 
     }
     return plain;
   }
+  if (!full->covariance) {
+    for (const Effect& effect : effects) {
+      plain.stats.effects.push_back(
+          {.effect = effect.name,
+           .n_parameters = effect.n,
+           .reason = "these lenses come without a covariance, which it is judged by"});
+    }
+    return plain;
+  }
   std::vector<EffectTry> tries;
   for (const Effect& effect : effects)
     tries.push_back(judge(*full, effect, kFalseAlarm / static_cast<double>(effects.size())));

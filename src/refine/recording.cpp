@@ -65,6 +65,19 @@ Status check_recording(const Calibration& cal) {
                   times.size(), kMotionFrames, kLongestGap_s, gaps.empty() ? 0.0 : gaps[gaps.size() / 2]));
 }
 
+Status check_moving(const Calibration& cal, const RefineOptions& options) {
+  const auto unsupported = [](const std::string& what) {
+    return Error{ErrorCode::kUnsupported, what + " cannot be had together with line delays and time offsets",
+                 "options"};
+  };
+  if (!options.ties.empty()) return unsupported("ties");
+  if (!options.priors.empty()) return unsupported("priors");
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return unsupported(fmt::format("the lens {}", lens_name(camera.lens)));
+  }
+  return {};
+}
+
 void drop_motionless(Calibration& cal) {
   const Trajectory trajectory = trajectory_of(cal);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {

@@ -9,6 +9,9 @@ namespace plumbline::detail {
 /// with the numbers and what to record. Needs no poses.
 Status check_recording(const Calibration& calibration);
 
+/// kUnsupported for what solve_moving() does not know: ties, priors, and lenses with sparse derivatives.
+Status check_moving(const Calibration& calibration, const RefineOptions& options);
+
 /// Takes out the views whose frame has no motion, with a reason.
 void drop_motionless(Calibration& calibration);
 

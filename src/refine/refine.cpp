@@ -9,11 +9,13 @@
 #include "plumbline/core/check.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/rig/motion.hpp"
+#include "refine/constraints.hpp"
 #include "refine/effects.hpp"
 #include "refine/outliers.hpp"
 #include "refine/recording.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
+#include "refine/suspects.hpp"
 #include "refine/weak.hpp"
 
 namespace plumbline {
@@ -44,7 +46,7 @@ const char* name_of(Start start) {
   return start == Start::kAuto ? "auto" : start == Start::kZhang ? "zhang" : "dlt";
 }
 
-void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
+void fill_stats(Calibration& cal, const SolveReport& report) {
   SolveStats stats;
   double sum = 0;
   for (const auto& fits : cal.fits) {
@@ -59,7 +61,7 @@ void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
   }
   stats.rms_px = stats.n_corners > 0 ? std::sqrt(sum / stats.n_corners) : 0.0;
   stats.rms_xy_px = stats.rms_px / std::sqrt(2.0);
-  stats.iterations = iterations;
+  stats.iterations = report.iterations;
   stats.converged = report.converged;
   stats.termination = report.termination;
   cal.stats = stats;
@@ -67,7 +69,7 @@ void fill_stats(Calibration& cal, const SolveReport& report, int iterations) {
 
 void fill_provenance(Calibration& cal, const RefineOptions& options) {
   std::vector<std::string> lenses;
-  for (const Camera& camera : cal.rig.cameras) lenses.emplace_back(lens_name(camera.lens));
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(lens_spec(camera.lens));
   auto& o = cal.provenance.options;
   o["lens"] = join(lenses, ",");
   o["start"] = name_of(options.start);
@@ -76,6 +78,12 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   o["outliers"] =
       options.mark_outliers ? "marked beyond " + format_double(options.outlier_sigma) + " sigma" : "kept";
   o["fixed"] = join(options.fixed, ",");
+  std::vector<std::string> priors;
+  for (const Prior& p : options.priors)
+    priors.push_back(fmt::format("{}={}+-{}", p.parameter, format_double(p.value), format_double(p.sigma)));
+  if (!options.ties.empty()) o["ties"] = join(options.ties, ",");
+  if (!priors.empty()) o["priors"] = join(priors, ",");
+  if (!options.only.empty()) o["only"] = join(options.only, ",");
   o["sigma"] = options.use_sigma ? "used" : "not used";
   for (const auto& [name, estimate] : {std::pair{"bow", options.bow},
                                        {"line_delay", options.line_delay},
@@ -126,60 +134,89 @@ std::optional<Error> unprojectable(const Calibration& cal) {
 
 // A solve under a robust loss that bad corners do not bend, so that the marks of the first round can be
 // trusted.
-void robust_solve(Calibration& cal, const RefineOptions& options, const std::vector<bool>& held) {
+void robust_solve(Calibration& cal, const RefineOptions& options, const Constraints& constraints) {
   for (int round = 0; round < 2; ++round) {
     Calibration trial = cal;
-    const SolveSpec spec{.loss = Loss::kCauchy,
-                         .loss_scale = robust_scale_px(cal),
-                         .use_sigma = false,
-                         .max_iterations = std::min(60, options.max_iterations),
-                         .tight = false,
-                         .held = held,
-                         .solver = options.solver,
-                         .n_threads = options.n_threads};
+    if (options.mark_outliers) mark_gross(trial, options);
+    const double scale = robust_scale_px(cal);
+    const SolveSpec spec = with_constraints({.loss = Loss::kCauchy,
+                                             .loss_scale = scale,
+                                             .use_sigma = false,
+                                             .max_iterations = std::min(60, options.max_iterations),
+                                             .tight = false,
+                                             .prior_weight = scale / 3,
+                                             .solver = options.solver,
+                                             .n_threads = options.n_threads},
+                                            constraints);
     if (!solve(trial, spec).usable) return;
     cal = std::move(trial);
     bring_back(cal);
   }
 }
 
-Result<Calibration> finish(Calibration cal, const RefineOptions& options, const std::vector<bool>& held,
-                           bool from_seed) {
-  bring_back(cal);
-  if (options.mark_outliers || from_seed) robust_solve(cal, options, held);
-  const SolveSpec spec{.loss = options.loss,
-                       .loss_scale = options.loss_scale_px,
-                       .use_sigma = options.use_sigma,
-                       .max_iterations = options.max_iterations,
-                       .tight = true,
-                       .held = held,
-                       .solver = options.solver,
-                       .n_threads = options.n_threads};
+// Corners and priors weigh by their own scatter, and the corners' is known after a solve only. Whether that
+// changes the weight of the priors.
+bool weigh_priors(const Calibration& cal, SolveSpec& spec) {
+  constexpr double kLeastPx = 1e-4, kSame = 1e-6;  // data without noise would leave the priors no weight
+  if (spec.priors.empty()) return false;
+  const double noise = std::max(kLeastPx, std::sqrt(shared_covariance(cal, spec).variance));
+  const bool changed = std::abs(noise - spec.prior_weight) > kSame * noise;
+  spec.prior_weight = noise;
+  return changed;
+}
+
+// Solves, marks outliers, and solves again until no mark changes.
+Result<SolveReport> solve_and_mark(Calibration& cal, const RefineOptions& options, SolveSpec& spec) {
+  constexpr int kWeighingRounds = 20;
   SolveReport report;
-  int iterations = 0;
-  if (options.mark_outliers)
-    mark_outliers(cal, options);
-  else if (auto error = unprojectable(cal))
-    return *error;
-  for (int round = 0; round < kMarkingRounds; ++round) {
+  int iterations = 0, n_weighings = 0;
+  for (int round = 0; round < kMarkingRounds;) {
     report = solve(cal, spec);
     iterations += report.iterations;
+    report.iterations = iterations;
     if (!report.usable) {
       return Error{ErrorCode::kNotConverged, "the joint solve found no finite optimum: " + report.termination,
                    ""};
     }
-    if (!options.mark_outliers) {
-      evaluate(cal);
-      break;
+    const bool last = !options.mark_outliers || round + 1 == kMarkingRounds;
+    if (last)
+      evaluate(cal);  // the marks stay those of the solve
+    else if (mark_outliers(cal, options)) {
+      ++round;
+      continue;
     }
-    // The marks of the last round stay those of its solve.
-    if (round + 1 == kMarkingRounds) {
-      evaluate(cal);
-      break;
-    }
-    if (!mark_outliers(cal, options)) break;
+    if (n_weighings++ == kWeighingRounds || !weigh_priors(cal, spec)) break;
   }
-  fill_stats(cal, report, iterations);
+  return report;
+}
+
+Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constraints constraints,
+                           bool from_seed) {
+  constraints.held = hold_loose_boards(cal, std::move(constraints.held));
+  apply(cal, constraints);
+  bring_back(cal);
+  if (options.mark_outliers || from_seed) robust_solve(cal, options, constraints);
+  // A robust loss has bent the tails already.
+  const bool cuts_tails = options.mark_outliers && options.loss == Loss::kSquared;
+  SolveSpec spec =
+      with_constraints({.loss = options.loss,
+                        .loss_scale = options.loss_scale_px,
+                        .use_sigma = options.use_sigma,
+                        .max_iterations = options.max_iterations,
+                        .tight = true,
+                        .prior_weight = robust_scale_px(cal) / 3,
+                        .variance_kept = cuts_tails ? truncated_variance(options.outlier_sigma) : 1.0,
+                        .solver = options.solver,
+                        .n_threads = options.n_threads},
+                       constraints);
+  if (options.mark_outliers)
+    mark_outliers(cal, options);
+  else if (auto error = unprojectable(cal))
+    return *error;
+  const auto report = solve_and_mark(cal, options, spec);
+  if (!report) return report.error();
+  fill_stats(cal, *report);
+  cal.stats.priors = prior_pulls(cal, spec.priors);
   if (auto status = judge_determination(cal, spec); !status) return status.error();
   fill_provenance(cal, options);
   return cal;
@@ -187,11 +224,13 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, const 
 
 Result<Calibration> finish_with_effects(Calibration start, const RefineOptions& options, bool from_seed) {
   const Finish solve_all = [&](Calibration cal) -> Result<Calibration> {
-    const auto held = held_mask(cal, options.fixed);
-    if (!held) return held.error();
-    if (!has_clocks(cal)) return finish(std::move(cal), options, *held, from_seed);
+    auto constraints = constraints_of(cal, options);
+    if (!constraints) return constraints.error();
+    hold_cores(cal.rig, constraints->held);
+    if (!has_clocks(cal)) return finish(std::move(cal), options, *std::move(constraints), from_seed);
+    if (auto status = check_moving(cal, options); !status) return status.error();
     drop_motionless(cal);
-    auto moving = finish(std::move(cal), options, *held, from_seed);
+    auto moving = finish(std::move(cal), options, *std::move(constraints), from_seed);
     if (!moving) return moving;
     if (auto status = check_smoothness(*moving); !status) return status.error();
     return moving;
@@ -201,12 +240,25 @@ Result<Calibration> finish_with_effects(Calibration start, const RefineOptions& 
   return choose_effects(start, *std::move(plain), options, solve_all);
 }
 
+// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
+// of them are known.
+int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
+  const int first = offsets_of(cal).lens[cam];
+  int n_free = 0;
+  for (int i = first; i < first + 4; ++i) {
+    const bool has_prior =
+        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return p.index == i; });
+    n_free += !c.held[i] && c.tied_to[i] == i && !has_prior;
+  }
+  return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);
+}
+
 // Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
-Status enough_views(const Calibration& cal) {
+Status enough_views(const Calibration& cal, const Constraints& constraints) {
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     const bool some_planar = std::any_of(cal.data.targets.begin(), cal.data.targets.end(),
                                          [](const Target& target) { return target.is_planar; });
-    int n = 0, needed = some_planar ? 3 : 1;
+    int n = 0, needed = some_planar ? needed_flat_views(cal, cam, constraints) : 1;
     for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
       const View& view = cal.data.views[v];
       if (view.cam != static_cast<int>(cam) || view.corners.size() < kLeastCorners ||
@@ -272,20 +324,22 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   }
   Calibration empty = empty_calibration(data, *lenses);
   if (auto status = add_wanted_effects(empty, options); !status) return status.error();
-  const auto held = held_mask(empty, options.fixed);
-  if (!held) return held.error();
-  if (auto status = enough_views(empty); !status) return status.error();
+  const auto constraints = constraints_of(empty, options);
+  if (!constraints) return constraints.error();
+  if (auto status = enough_views(empty, *constraints); !status) return status.error();
 
+  // Suspects take no part in the start; from there on residuals judge them like all others.
+  const Dataset sound = options.mark_outliers ? without_suspects(data, options.n_threads) : data;
   std::vector<MonoData> parts;
   std::vector<Calibration> monos;
   std::vector<WeakDirection> lean;
-  std::size_t offset = 0;
+  int offset = 0;
   for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
-    parts.push_back(mono_data(data, static_cast<int>(cam)));
-    const auto n = static_cast<std::size_t>(n_params((*lenses)[cam]));
-    const std::vector<bool> held_mono(held->begin() + offset, held->begin() + offset + n);
-    offset += n;
-    auto mono = seed_camera(parts[cam].data, std::string(lens_name((*lenses)[cam])), options, held_mono);
+    parts.push_back(mono_data(sound, static_cast<int>(cam)));
+    const Constraints of_camera = slice(*constraints, offset, n_params((*lenses)[cam]));
+    offset += n_params((*lenses)[cam]);
+    auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
+                            of_camera);
     if (!mono) return mono.error();
     lean.insert(lean.end(), mono->stats.weak.begin(), mono->stats.weak.end());
     monos.push_back(*std::move(mono));
@@ -293,11 +347,14 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
-  if (auto status = enough_views(*seed); !status) return status.error();
   seed->bow_m = empty.bow_m;
   seed->clocks = empty.clocks;
+  // Anew: the seed may have chosen the shape of a lens.
+  const auto constraints_of_seed = constraints_of(*seed, options);
+  if (!constraints_of_seed) return constraints_of_seed.error();
+  if (auto status = enough_views(*seed, *constraints_of_seed); !status) return status.error();
   auto cal = finish_with_effects(*std::move(seed), options, true);
-  if (cal) add_lean(*cal, lean);
+  if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
 
@@ -311,14 +368,18 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
                   "rig, poses and data of a start belong together");
   Calibration cal = start;
   if (auto status = add_wanted_effects(cal, options); !status) return status.error();
+  const auto constraints = constraints_of(cal, options);
+  if (!constraints) return constraints.error();
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");
   cal.covariance.reset();
   for (std::size_t v = 0; v < cal.data.views.size(); ++v)
     cal.fits[v].resize(cal.data.views[v].corners.size());
   refuse_small_views(cal);
-  if (auto status = enough_views(cal); !status) return status.error();
-  return finish_with_effects(std::move(cal), options, false);
+  if (auto status = enough_views(cal, *constraints); !status) return status.error();
+  auto done = finish_with_effects(std::move(cal), options, false);
+  if (done) done->provenance.options["start"] = "given";
+  return done;
 }
 
 }  // namespace plumbline

@@ -9,6 +9,7 @@
 #include <bit>
 #include <cmath>
 
+#include "plumbline/core/check.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
 
@@ -216,7 +217,11 @@ std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vecto
                                                     bool bowed) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
-        return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board, bowed);
+        if constexpr (FixedLens<L>)
+          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board,
+                                               bowed);
+        else
+          PLUMBLINE_CHECK(false, "a lens with sparse derivatives has make_sparse_cost()");
       },
       lens);
 }

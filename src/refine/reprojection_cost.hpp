@@ -30,7 +30,7 @@ struct Rho {
 };
 Rho rho(Loss loss, double scale, double s);
 
-/// f = sqrt(rho(s) / s) and df/ds.
+/// f = sqrt(rho(s) / s), with which a residual is scaled so that its square is rho, and df/ds.
 struct Scaling {
   double f = 1, f_s = 0;
 };
@@ -49,6 +49,7 @@ Scaling scaling_of(Loss loss, double scale, double s);
 /// into the first six of the seven ambient columns and zero into the last.
 ///
 /// Evaluate returns false when any corner leaves the lens' domain: Ceres then rejects the step.
+/// PLUMBLINE_CHECK: not for a lens with sparse derivatives (sparse_cost.hpp).
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
                                                     Loss loss, double loss_scale, bool further_board = false,
                                                     bool bowed = false);

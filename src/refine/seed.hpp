@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "plumbline/refine/refine.hpp"
+#include "refine/constraints.hpp"
 #include "refine/solve.hpp"
 
 namespace plumbline::detail {
@@ -48,6 +49,19 @@ std::vector<Lens> starting_lenses(const Dataset& subset, const std::string& lens
 std::optional<Lens> perspective_like(const Lens& fisheye, const std::string& lens_name, ImageSize size,
                                      const std::vector<double>& theta, const std::vector<bool>& held);
 
+/// The lens of this spec, with sparse derivatives, that projects as `like` does over the image and a quarter
+/// of it around, by linear least squares with a whiff of its own regularisation; core parameters are those of
+/// `like`. A spec without options gets them from the view (complete_spec()).
+/// \returns an error for a bad spec
+Result<Lens> sparse_like(const Lens& like, const std::string& spec, ImageSize size);
+
+/// seed_camera() for a lens with sparse derivatives: by way of kb4 or opencv8, whichever fits better.
+Result<Calibration> seed_sparse(const Dataset& mono, const std::string& spec, const RefineOptions& options,
+                                const Constraints& constraints);
+
+/// What is said of fx fy cx cy, for another lens with `n` parameters.
+Constraints of_matrix_alone(const Constraints& constraints, int n);
+
 /// Scale for a robust loss from the residuals of all corners that take part: three robust standard
 /// deviations.
 double robust_scale_px(const Calibration& calibration);
@@ -56,13 +70,13 @@ double robust_scale_px(const Calibration& calibration);
 void bring_back(Calibration& calibration);
 
 /// Seeds one camera without a focal length from the user, and refines it alone under a robust loss.
-/// \param held  over shared_parameter_names() of the rig of this one camera
+/// \param constraints  over shared_parameter_names() of the rig of this one camera
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
-                                const RefineOptions& options, const std::vector<bool>& held);
+                                const RefineOptions& options, const Constraints& constraints);
 
-/// Places all cameras relative to camera 0 from the frames that they share, renumbers boards that another
-/// camera numbered the other way round, and gives each frame a pose. kDegenerate names the camera that shares
-/// no frame with the others.
+/// Places all cameras relative to camera 0 and all boards relative to the first from the frames that they
+/// share, or by their motion; renumbers boards that another camera numbered the other way round, and gives
+/// each frame a pose. kDegenerate names the groups of cameras that nothing connects (rig_graph.hpp).
 Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts,
                              std::vector<Calibration> monos);
 

@@ -32,25 +32,33 @@ Dataset with_views(const Dataset& mono, const std::vector<int>& views) {
   return subset;
 }
 
-// Which parameters are free while the lens is still far off: focal lengths and the first radial term, then
+// Which parameters are free while the lens is still far off: focal lengths and the first radial term (a shape
+// of the sphere is one too), then
 // all but the high orders (which would otherwise fit the error of the start and fold the image back over
 // itself), then all.
 bool free_at_stage(std::string_view name, int stage) {
   if (stage >= 2) return true;
-  if (stage == 0) return name == "fx" || name == "fy" || name == "k1";
+  if (stage == 0)
+    return name == "fx" || name == "fy" || name == "k1" || name == "alpha" || name == "w" || name == "lambda";
   return name != "k3" && name != "k4" && name != "k5" && name != "k6" && name.front() != 's';
 }
 
-SolveSpec seed_spec(const Calibration& cal, int stage, int max_iterations, const std::vector<bool>& held) {
-  SolveSpec spec{.loss = Loss::kCauchy,
-                 .loss_scale = robust_scale_px(cal),
-                 .max_iterations = max_iterations,
-                 .tight = false,
-                 .held = held};
-  spec.use_sigma = false;  // seeds compare pixels
+SolveSpec seed_spec(const Calibration& cal, int stage, int max_iterations, const Constraints& constraints) {
+  const double scale = robust_scale_px(cal);
+  SolveSpec spec = with_constraints({.loss = Loss::kCauchy,
+                                     .loss_scale = scale,
+                                     .use_sigma = false,  // seeds compare pixels
+                                     .max_iterations = max_iterations,
+                                     .tight = false,
+                                     .prior_weight = scale / 3},
+                                    constraints);
   const auto names = param_names(cal.rig.cameras[0].lens);
-  for (std::size_t i = 0; i < names.size(); ++i)
-    spec.held[i] = spec.held[i] || !free_at_stage(names[i], stage);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (free_at_stage(names[i], stage)) continue;
+    for (std::size_t j = 0; j < names.size(); ++j) {
+      if (spec.tied_to[j] == spec.tied_to[i]) spec.held[j] = true;
+    }
+  }
   return spec;
 }
 
@@ -66,10 +74,10 @@ Calibration start_from(const Dataset& subset, const Lens& lens) {
 }
 
 // Refines a candidate on the subset, in stages; false when the solver finds nothing finite.
-bool polish(Calibration& cal, int first_stage, const std::vector<bool>& held) {
+bool polish(Calibration& cal, int first_stage, const Constraints& constraints) {
   for (int stage = first_stage; stage < 3; ++stage) {
     Calibration trial = cal;
-    if (!solve(trial, seed_spec(cal, stage, stage < 2 ? 20 : 40, held)).usable) {
+    if (!solve(trial, seed_spec(cal, stage, stage < 2 ? 20 : 40, constraints)).usable) {
       if (stage == first_stage) return false;
       break;
     }
@@ -96,8 +104,10 @@ std::vector<Lens> best_candidates(std::vector<Candidate> all) {
 
 // The best calibration of the subset over all starts, and its score.
 std::optional<Calibration> best_on_subset(const Dataset& subset, const std::string& lens_name,
-                                          const RefineOptions& options, const std::vector<bool>& held) {
-  const std::vector<Lens> starts = starting_lenses(subset, lens_name, options.start, held[2] || held[3]);
+                                          const RefineOptions& options, const Constraints& constraints) {
+  std::vector<Lens> starts =
+      starting_lenses(subset, lens_name, options.start, constraints.held[2] || constraints.held[3]);
+  for (Lens& lens : starts) apply(lens, constraints);
   std::vector<Candidate> candidates(starts.size());
   parallel_for(static_cast<int>(starts.size()), options.n_threads, [&](int i) {
     candidates[i] = {starts[i], score_px(start_from(subset, starts[i]))};
@@ -106,7 +116,7 @@ std::optional<Calibration> best_on_subset(const Dataset& subset, const std::stri
   std::vector<std::optional<Calibration>> polished(chosen.size());
   parallel_for(static_cast<int>(chosen.size()), options.n_threads, [&](int i) {
     Calibration cal = start_from(subset, chosen[i]);
-    if (polish(cal, 0, held)) polished[i] = std::move(cal);
+    if (polish(cal, 0, constraints)) polished[i] = std::move(cal);
   });
   std::optional<Calibration> best;
   for (auto& cal : polished) {
@@ -116,11 +126,11 @@ std::optional<Calibration> best_on_subset(const Dataset& subset, const std::stri
 }
 
 // Some rounds of a solve of everything; corners that left the domain come back after each.
-Calibration settle(Calibration cal, int n_rounds, const std::vector<bool>& held) {
+Calibration settle(Calibration cal, int n_rounds, const Constraints& constraints) {
   pose_views(cal);
   for (int round = 0; round < n_rounds; ++round) {
     Calibration trial = cal;
-    if (!solve(trial, seed_spec(cal, 2, 60, held)).usable) break;
+    if (!solve(trial, seed_spec(cal, 2, 60, constraints)).usable) break;
     cal = std::move(trial);
     pose_views(cal);
   }
@@ -128,8 +138,8 @@ Calibration settle(Calibration cal, int n_rounds, const std::vector<bool>& held)
 }
 
 // All views, from the lens that the subset gave.
-Calibration on_all_views(const Dataset& mono, const Lens& lens, const std::vector<bool>& held) {
-  return settle(start_from(mono, lens), 2, held);
+Calibration on_all_views(const Dataset& mono, const Lens& lens, const Constraints& constraints) {
+  return settle(start_from(mono, lens), 2, constraints);
 }
 
 // Angles from the optical axis of the corners that take part [rad].
@@ -152,18 +162,20 @@ std::vector<double> angles_off_axis(const Calibration& cal) {
 // wall. So take the fisheye calibration of all views, convert its lens, keep its board poses for a first
 // solve of the lens alone, and go on from there.
 std::optional<Calibration> by_way_of_fisheye(const Calibration& fisheye, const std::string& lens_name,
-                                             const std::vector<bool>& held) {
+                                             const Constraints& constraints) {
   Calibration cal = fisheye;
   const Camera& camera = fisheye.rig.cameras[0];
-  const auto lens = perspective_like(camera.lens, lens_name, camera.size, angles_off_axis(fisheye), held);
+  auto lens =
+      perspective_like(camera.lens, lens_name, camera.size, angles_off_axis(fisheye), constraints.held);
   if (!lens) return std::nullopt;
+  apply(*lens, constraints);
   cal.rig.cameras[0].lens = *lens;
   bring_back(cal);
   Calibration trial = cal;
-  SolveSpec lens_only = seed_spec(cal, 2, 50, held);
+  SolveSpec lens_only = seed_spec(cal, 2, 50, constraints);
   lens_only.hold_boards = true;
   if (solve(trial, lens_only).usable && score_px(trial) < score_px(cal)) cal = std::move(trial);
-  return settle(std::move(cal), 3, held);
+  return settle(std::move(cal), 3, constraints);
 }
 
 // Whether the seed may sit in a wrong valley: it does not fit well, has corners outside its domain, or sees
@@ -186,10 +198,10 @@ bool is_doubtful(const Calibration& cal) {
 // The best calibration of the subset, carried on to all views.
 std::optional<Calibration> calibrate_on(const Dataset& mono, const Dataset& subset,
                                         const std::string& lens_name, const RefineOptions& options,
-                                        const std::vector<bool>& held) {
-  const auto on_subset = best_on_subset(subset, lens_name, options, held);
+                                        const Constraints& constraints) {
+  const auto on_subset = best_on_subset(subset, lens_name, options, constraints);
   if (!on_subset) return std::nullopt;
-  return on_all_views(mono, on_subset->rig.cameras[0].lens, held);
+  return on_all_views(mono, on_subset->rig.cameras[0].lens, constraints);
 }
 
 // Both lenses were fitted to the same corners, so that a large difference between them is the lens' fault and
@@ -209,17 +221,23 @@ void warn_of_lean_lens(Calibration& cal, const Calibration& fisheye) {
 
 }  // namespace
 
+Constraints of_matrix_alone(const Constraints& constraints, int n) {
+  Constraints c = slice(constraints, 0, 4);
+  c.held.resize(static_cast<std::size_t>(n), false);
+  for (int i = 4; i < n; ++i) c.tied_to.push_back(i);
+  return c;
+}
+
 Result<Calibration> seed_camera(const Dataset& mono, const std::string& lens_name,
-                                const RefineOptions& options, const std::vector<bool>& held) {
+                                const RefineOptions& options, const Constraints& constraints) {
   const ImageSize size = mono.cameras[0].size;
-  const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
-  std::optional<Calibration> best = calibrate_on(mono, subset, lens_name, options, held);
   const auto plain = make_lens(lens_name, size, size.width);
+  if (plain && is_sparse(*plain)) return seed_sparse(mono, lens_name, options, constraints);
+  const Dataset subset = with_views(mono, spread_subset(mono, kSubsetViews));
+  std::optional<Calibration> best = calibrate_on(mono, subset, lens_name, options, constraints);
   if (plain && is_central_perspective(*plain) && (!best || is_doubtful(*best))) {
-    std::vector<bool> held_fisheye(8, false);
-    std::copy_n(held.begin(), 4, held_fisheye.begin());
-    if (const auto fisheye = calibrate_on(mono, subset, "kb4", options, held_fisheye)) {
-      auto cal = by_way_of_fisheye(*fisheye, lens_name, held);
+    if (const auto fisheye = calibrate_on(mono, subset, "kb4", options, of_matrix_alone(constraints, 8))) {
+      auto cal = by_way_of_fisheye(*fisheye, lens_name, constraints);
       if (cal && (!best || score_px(*cal) < score_px(*best))) best = std::move(cal);
       if (best) warn_of_lean_lens(*best, *fisheye);
     }

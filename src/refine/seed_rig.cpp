@@ -2,157 +2,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
+#include <map>
+#include <numeric>
+#include <set>
 
-#include "plumbline/core/linalg.hpp"
 #include "plumbline/core/text.hpp"
-#include "plumbline/geometry/so3.hpp"
+#include "refine/rig_graph.hpp"
 #include "refine/seed.hpp"
+#include "refine/seed_place.hpp"
 
 namespace plumbline::detail {
 
 namespace {
-
-std::optional<std::vector<int>> permutation_by(const SE3& T, const std::vector<Vec3>& points,
-                                               double tolerance_m) {
-  std::vector<int> permutation;
-  for (const Vec3& p : points) {
-    const Vec3 moved = T * p;
-    int match = -1;
-    for (std::size_t k = 0; k < points.size() && match < 0; ++k) {
-      if ((points[k] - moved).norm() < tolerance_m) match = static_cast<int>(k);
-    }
-    if (match < 0) return std::nullopt;
-    permutation.push_back(match);
-  }
-  return permutation;
-}
-
-}  // namespace
-
-std::vector<Symmetry> symmetries(const Target& target) {
-  Symmetry identity;
-  for (int i = 0; i < static_cast<int>(target.points.size()); ++i) identity.permutation.push_back(i);
-  std::vector<Symmetry> list{identity};
-  const auto* chess = std::get_if<Chessboard>(&target.spec);
-  const bool circles = std::holds_alternative<Circles>(target.spec);
-  if (!chess && !circles) return list;
-  Vec3 low = target.points.front(), high = low;
-  for (const Vec3& p : target.points) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
-  }
-  const Vec3 middle = 0.5 * (low + high);
-  for (int quarter = 1; quarter < 4; ++quarter) {
-    // The points alone say nothing about the colours of a board that is not square.
-    if (chess && chess->columns != chess->rows && !is_half_turn_symmetric(target.spec)) continue;
-    const Mat3 R = so3_exp(Vec3(0, 0, quarter * std::numbers::pi / 2));
-    const SE3 T(R, middle - R * middle);
-    if (auto permutation = permutation_by(T, target.points, 1e-6 * (high - low).norm())) {
-      list.push_back({*std::move(permutation), T});
-    }
-  }
-  return list;
-}
-
-namespace {
-
-constexpr int kMaxHypotheses = 40;
-
-struct Placement {
-  SE3 T_cam_rig;
-  std::vector<int> symmetry;  // per shared frame
-  std::vector<double> error_px;
-  double score = 0;
-};
-
-// One camera's view of a frame whose board pose is known from the cameras placed before.
-struct SharedFrame {
-  int view = 0;     // of the whole data set
-  SE3 T_rig_board;  // known
-  SE3 T_cam_board;  // from this camera alone
-};
-
-double error_px(const Calibration& cal, const SharedFrame& frame, const SE3& T_cam_rig,
-                const Symmetry& symmetry) {
-  const View& view = cal.data.views[frame.view];
-  const Camera& camera = cal.rig.cameras[view.cam];
-  const double cap = 0.05 * std::hypot(camera.size.width, camera.size.height);
-  const SE3 T_cam_board = T_cam_rig * frame.T_rig_board;
-  double sum = 0;
-  for (const Corner& c : view.corners) {
-    const auto px =
-        project(camera.lens, T_cam_board * cal.data.targets[0].points[symmetry.permutation[c.point]]);
-    sum += px ? std::min((*px - c.px).squaredNorm(), cap * cap) : cap * cap;
-  }
-  return std::sqrt(sum / static_cast<double>(view.corners.size()));
-}
-
-// The numbering of each frame that agrees best with T_cam_rig; another than the present one must be clearly
-// better.
-Placement judge(const Calibration& cal, const std::vector<SharedFrame>& frames, const SE3& T_cam_rig,
-                const std::vector<Symmetry>& all) {
-  Placement placement{T_cam_rig, {}, {}, 0};
-  for (const SharedFrame& frame : frames) {
-    double best = error_px(cal, frame, T_cam_rig, all[0]);
-    int chosen = 0;
-    for (std::size_t g = 1; g < all.size(); ++g) {
-      const double e = error_px(cal, frame, T_cam_rig, all[g]);
-      if (e >= 0.8 * best) continue;
-      best = e;
-      chosen = static_cast<int>(g);
-    }
-    placement.symmetry.push_back(chosen);
-    placement.error_px.push_back(best);
-    placement.score += best * best;
-  }
-  return placement;
-}
-
-// points[permutation[i]] = G points[i], so a board pose found with the ids i becomes T G^-1 with the ids
-// permutation[i].
-SE3 relative_pose(const SharedFrame& frame, const Symmetry& symmetry) {
-  return frame.T_cam_board * symmetry.T_board_board.inverse() * frame.T_rig_board.inverse();
-}
-
-// Mean over the frames that agree with a placement: rotations by the nearest rotation to their sum,
-// translations by the median of each coordinate.
-SE3 average(const std::vector<SharedFrame>& frames, const Placement& placement,
-            const std::vector<Symmetry>& all) {
-  std::vector<double> sorted = placement.error_px;
-  std::sort(sorted.begin(), sorted.end());
-  const double bound = 2 * sorted[sorted.size() / 2] + 1e-9;
-  Mat3 sum = Mat3::Zero();
-  std::array<std::vector<double>, 3> t;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    if (placement.error_px[i] > bound) continue;
-    const SE3 T = relative_pose(frames[i], all[placement.symmetry[i]]);
-    sum += T.R();
-    for (int k = 0; k < 3; ++k) t[k].push_back(T.t()[k]);
-  }
-  Vec3 middle;
-  for (int k = 0; k < 3; ++k) {
-    std::sort(t[k].begin(), t[k].end());
-    middle[k] = t[k][t[k].size() / 2];
-  }
-  return {nearest_rotation(sum), middle};
-}
-
-Placement place(const Calibration& cal, const std::vector<SharedFrame>& frames,
-                const std::vector<Symmetry>& all) {
-  std::optional<Placement> best;
-  const auto consider = [&](const SE3& T_cam_rig) {
-    Placement candidate = judge(cal, frames, T_cam_rig, all);
-    if (!best || candidate.score < best->score * (1 - 1e-9)) best = std::move(candidate);
-  };
-  const std::size_t n = frames.size(), step = (n + kMaxHypotheses - 1) / kMaxHypotheses;
-  for (const Symmetry& symmetry : all) {  // the identity first: it wins a tie
-    for (std::size_t i = 0; i < n; i += step) consider(relative_pose(frames[i], symmetry));
-  }
-  consider(average(frames, *best, all));
-  return *best;
-}
 
 void renumber(View& view, const std::vector<int>& permutation) {
   for (Corner& c : view.corners) c.point = permutation[c.point];
@@ -160,130 +21,342 @@ void renumber(View& view, const std::vector<int>& permutation) {
             [](const Corner& a, const Corner& b) { return a.point < b.point; });
 }
 
-// The rig under construction.
-struct Builder {
-  Calibration cal;
-  std::vector<std::optional<SE3>> T_cam_board;  // per view, from its camera alone
-  std::vector<bool> placed;
-  std::vector<std::string> renumbered;
-
-  std::vector<SharedFrame> shared_frames(int cam) const {
-    std::vector<SharedFrame> list;
-    for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-      const View& view = cal.data.views[v];
-      const auto& known = cal.T_rig_board[view.frame];
-      if (view.cam == cam && T_cam_board[v] && known)
-        list.push_back({static_cast<int>(v), *known, *T_cam_board[v]});
-    }
-    return list;
-  }
-
-  // Frames that no placed camera had seen get their pose from this one.
-  void adopt_frames(int cam) {
-    placed[cam] = true;
-    const SE3 T_rig_cam = cal.rig.T_cam_rig[cam].inverse();
-    for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-      const View& view = cal.data.views[v];
-      if (view.cam != cam || !T_cam_board[v]) continue;
-      auto& pose = cal.T_rig_board[view.frame];
-      if (!pose) pose = T_rig_cam * *T_cam_board[v];
-    }
-  }
-
-  void add(int cam, const std::vector<SharedFrame>& frames, const std::vector<Symmetry>& all) {
-    const Placement placement = place(cal, frames, all);
-    cal.rig.T_cam_rig[cam] = placement.T_cam_rig;
-    for (std::size_t i = 0; i < frames.size(); ++i) {
-      const Symmetry& symmetry = all[placement.symmetry[i]];
-      if (placement.symmetry[i] == 0) continue;
-      View& view = cal.data.views[frames[i].view];
-      renumber(view, symmetry.permutation);
-      T_cam_board[frames[i].view] = frames[i].T_cam_board * symmetry.T_board_board.inverse();
-      renumbered.push_back(view.image.empty() ? cal.rig.cameras[cam].name + " " + cal.data.frames[view.frame]
-                                              : view.image);
-    }
-    adopt_frames(cam);
-  }
+// Cameras whose poses to one another are known, or boards. The first member gives the frame of the group.
+struct Group {
+  std::vector<int> members;  // in the order in which they came
+  bool has(int i) const { return std::find(members.begin(), members.end(), i) != members.end(); }
 };
 
-// Among the cameras of a frame, the one whose pose suits all of them best.
-void choose_frame_poses(Builder& b) {
-  std::vector<std::vector<int>> views_of(b.cal.T_rig_board.size());
-  for (std::size_t v = 0; v < b.cal.data.views.size(); ++v) {
-    if (b.T_cam_board[v]) views_of[b.cal.data.views[v].frame].push_back(static_cast<int>(v));
+// What can be joined next: a group of cameras or of boards, moved into the frame of another.
+struct Join {
+  bool of_boards = false;
+  std::size_t into = 0, from = 0;
+  std::vector<Link> links;
+  std::size_t n_frames = 0;
+  bool at_home = false;  // it makes the group of camera 0 grow, or boards that it sees
+};
+
+// Two groups of cameras, each with its own group of boards.
+struct MotionJoin {
+  std::size_t cams1 = 0, boards1 = 0, cams2 = 0, boards2 = 0;
+  std::vector<MotionFrame> frames;
+};
+
+using PoseKey = std::tuple<std::size_t, std::size_t, int>;  // group of cameras, group of boards, frame
+
+// The rig under construction.
+class Builder {
+ public:
+  Builder(const Dataset& data, const std::vector<MonoData>& parts, const std::vector<Calibration>& monos);
+  Status join_all();
+  Calibration finish();
+
+ private:
+  std::size_t group_of_cam(int cam) const { return index_of(cams_, cam); }
+  std::size_t group_of_board(int board) const { return index_of(boards_, board); }
+  static std::size_t index_of(const std::vector<Group>& groups, int i) {
+    return static_cast<std::size_t>(
+        std::find_if(groups.begin(), groups.end(), [&](const Group& g) { return g.has(i); }) -
+        groups.begin());
   }
-  Symmetry identity;
-  for (int i = 0; i < static_cast<int>(b.cal.data.targets[0].points.size()); ++i)
-    identity.permutation.push_back(i);
+  std::vector<Sight> sights() const;
+  void find_poses();
+  Link link_to_cameras(int view, const SE3& T_group_boards) const;
+  Link link_to_boards(int view, const SE3& T_group_boards) const;
+  std::vector<Join> joins() const;
+  std::vector<MotionJoin> motion_joins() const;
+  void apply(const Join& join);
+  bool join_by_motion(std::string& refusal);
+  void move_cameras(std::size_t into, std::size_t from, const SE3& T_from_into);
+  void move_boards(std::size_t into, std::size_t from, const SE3& T_into_from);
+  void choose_frame_poses();
+
+  Calibration cal_;
+  Symmetries symmetries_;
+  std::vector<std::optional<SE3>> T_cam_board_;  // per view, from its camera alone
+  std::vector<Group> cams_, boards_;
+  std::vector<SE3> T_cam_group_, T_group_board_;  // the identity for the first of a group
+  std::map<PoseKey, SE3> pose_;                   // of a group of boards before a group of cameras
+  std::vector<std::string> renumbered_, by_motion_;
+};
+
+Builder::Builder(const Dataset& data, const std::vector<MonoData>& parts,
+                 const std::vector<Calibration>& monos) {
+  std::vector<Lens> lenses;
+  for (const Calibration& mono : monos) lenses.push_back(mono.rig.cameras[0].lens);
+  cal_ = empty_calibration(data, lenses);
+  T_cam_board_.resize(data.views.size());
+  for (std::size_t cam = 0; cam < monos.size(); ++cam) {
+    for (std::size_t i = 0; i < parts[cam].view_index.size(); ++i) {
+      const int v = parts[cam].view_index[i];
+      cal_.view_reason[v] = monos[cam].view_reason[i];
+      if (takes_part(monos[cam], i)) T_cam_board_[v] = monos[cam].T_rig_board[parts[cam].data.views[i].frame];
+    }
+    cams_.push_back({{static_cast<int>(cam)}});
+  }
+  for (const Target& target : data.targets) {
+    boards_.push_back({{static_cast<int>(symmetries_.size())}});
+    symmetries_.push_back(symmetries(target));
+  }
+  T_cam_group_.resize(cams_.size());
+  T_group_board_.resize(boards_.size());
+  find_poses();
+}
+
+std::vector<Sight> Builder::sights() const {
+  std::vector<Sight> list;
+  for (std::size_t v = 0; v < T_cam_board_.size(); ++v) {
+    const View& view = cal_.data.views[v];
+    if (T_cam_board_[v]) list.push_back({view.cam, view.frame, view.target});
+  }
+  return list;
+}
+
+// The camera that came first into its group gives a frame's pose.
+void Builder::find_poses() {
+  pose_.clear();
+  for (std::size_t group = 0; group < cams_.size(); ++group) {
+    for (int cam : cams_[group].members) {
+      const SE3 T_group_cam = T_cam_group_[cam].inverse();
+      for (std::size_t v = 0; v < T_cam_board_.size(); ++v) {
+        const View& view = cal_.data.views[v];
+        if (view.cam != cam || !T_cam_board_[v]) continue;
+        const std::size_t boards = group_of_board(view.target);
+        SE3 T = T_group_cam * *T_cam_board_[v];
+        if (boards_[boards].members[0] != view.target) T = T * T_group_board_[view.target].inverse();
+        pose_.try_emplace({group, boards, view.frame}, T);
+      }
+    }
+  }
+}
+
+// X = T_from_into of the cameras that are to be moved.
+Link Builder::link_to_cameras(int v, const SE3& T_group_boards) const {
+  const View& view = cal_.data.views[v];
+  Link link{v, std::nullopt, T_group_boards, *T_cam_board_[v]};
+  if (cams_[group_of_cam(view.cam)].members[0] != view.cam) link.left = T_cam_group_[view.cam];
+  if (boards_[group_of_board(view.target)].members[0] != view.target)
+    link.right = link.right * T_group_board_[view.target];
+  return link;
+}
+
+// X = T_into_from of the boards that are to be moved, seen from `T_group_boards` of the others.
+Link Builder::link_to_boards(int v, const SE3& T_group_boards) const {
+  const View& view = cal_.data.views[v];
+  return {v, T_cam_group_[view.cam] * T_group_boards, T_group_board_[view.target], *T_cam_board_[v]};
+}
+
+std::vector<Join> Builder::joins() const {
+  std::map<std::tuple<bool, std::size_t, std::size_t>, Join> found;
+  std::map<std::tuple<bool, std::size_t, std::size_t>, std::set<int>> frames;
+  const std::size_t home = group_of_cam(0);
+  const auto add = [&](bool of_boards, std::size_t into, std::size_t from, int frame, bool at_home,
+                       Link link) {
+    Join& join = found[{of_boards, into, from}];
+    join.of_boards = of_boards;
+    join.into = into;
+    join.from = from;
+    join.at_home = join.at_home || at_home;
+    join.links.push_back(std::move(link));
+    frames[{of_boards, into, from}].insert(frame);
+  };
+  for (std::size_t v = 0; v < T_cam_board_.size(); ++v) {
+    if (!T_cam_board_[v]) continue;
+    const View& view = cal_.data.views[v];
+    const std::size_t cams = group_of_cam(view.cam), boards = group_of_board(view.target);
+    const int index = static_cast<int>(v);
+    for (std::size_t other = 0; other < cams_.size(); ++other) {
+      // Into the group with the lower first camera, so that camera 0 stays where it is.
+      if (cams_[other].members[0] >= cams_[cams].members[0]) continue;
+      const auto known = pose_.find({other, boards, view.frame});
+      if (known != pose_.end())
+        add(false, other, cams, view.frame, other == home, link_to_cameras(index, known->second));
+    }
+    for (std::size_t other = 0; other < boards_.size(); ++other) {
+      if (boards_[other].members[0] >= boards_[boards].members[0]) continue;
+      const auto known = pose_.find({cams, other, view.frame});
+      if (known != pose_.end())
+        add(true, other, boards, view.frame, cams == home, link_to_boards(index, known->second));
+    }
+  }
+  std::vector<Join> list;
+  for (auto& [key, join] : found) {
+    join.n_frames = frames[key].size();
+    list.push_back(std::move(join));
+  }
+  return list;
+}
+
+void Builder::move_cameras(std::size_t into, std::size_t from, const SE3& T_from_into) {
+  for (int cam : cams_[from].members) {
+    T_cam_group_[cam] = cams_[from].members[0] == cam ? T_from_into : T_cam_group_[cam] * T_from_into;
+    cams_[into].members.push_back(cam);
+  }
+  cams_.erase(cams_.begin() + static_cast<std::ptrdiff_t>(from));
+}
+
+void Builder::move_boards(std::size_t into, std::size_t from, const SE3& T_into_from) {
+  for (int board : boards_[from].members) {
+    T_group_board_[board] =
+        boards_[from].members[0] == board ? T_into_from : T_into_from * T_group_board_[board];
+    boards_[into].members.push_back(board);
+  }
+  boards_.erase(boards_.begin() + static_cast<std::ptrdiff_t>(from));
+}
+
+void Builder::apply(const Join& join) {
+  const Placement placement = place(cal_, join.links, symmetries_);
+  for (std::size_t i = 0; i < join.links.size(); ++i) {
+    if (placement.symmetry[i] == 0) continue;
+    const Link& link = join.links[i];
+    View& view = cal_.data.views[link.view];
+    const Symmetry& symmetry = symmetries_[view.target][placement.symmetry[i]];
+    renumber(view, symmetry.permutation);
+    T_cam_board_[link.view] = link.T_cam_board * symmetry.T_board_board.inverse();
+    renumbered_.push_back(view.image.empty()
+                              ? cal_.rig.cameras[view.cam].name + " " + cal_.data.frames[view.frame]
+                              : view.image);
+  }
+  if (join.of_boards)
+    move_boards(join.into, join.from, placement.X);
+  else
+    move_cameras(join.into, join.from, placement.X);
+  find_poses();
+}
+
+std::vector<MotionJoin> Builder::motion_joins() const {
+  std::map<std::array<std::size_t, 4>, std::map<int, MotionFrame>> found;
+  for (const auto& [key1, T_1] : pose_) {
+    const auto& [cams1, boards1, frame] = key1;
+    for (std::size_t cams2 = 0; cams2 < cams_.size(); ++cams2) {
+      if (cams_[cams2].members[0] <= cams_[cams1].members[0]) continue;
+      for (std::size_t boards2 = 0; boards2 < boards_.size(); ++boards2) {
+        const auto other = pose_.find({cams2, boards2, frame});
+        if (boards2 == boards1 || other == pose_.end()) continue;
+        found[{cams1, boards1, cams2, boards2}][frame] = {T_1, other->second, {}};
+      }
+    }
+  }
+  std::vector<MotionJoin> list;
+  for (auto& [key, frames] : found) {
+    MotionJoin join{key[0], key[1], key[2], key[3], {}};
+    for (std::size_t v = 0; v < T_cam_board_.size(); ++v) {
+      const View& view = cal_.data.views[v];
+      const auto at = frames.find(view.frame);
+      if (!T_cam_board_[v] || at == frames.end()) continue;
+      if (group_of_cam(view.cam) != join.cams2 || group_of_board(view.target) != join.boards2) continue;
+      at->second.links.push_back(
+          {static_cast<int>(v), T_cam_group_[view.cam], T_group_board_[view.target], *T_cam_board_[v]});
+    }
+    for (auto& [frame, motion] : frames) join.frames.push_back(std::move(motion));
+    list.push_back(std::move(join));
+  }
+  std::stable_sort(list.begin(), list.end(), [](const MotionJoin& a, const MotionJoin& b) {
+    return a.frames.size() > b.frames.size();
+  });
+  return list;
+}
+
+bool Builder::join_by_motion(std::string& refusal) {
+  for (const MotionJoin& join : motion_joins()) {
+    const auto name = [&](std::size_t cams) { return cal_.rig.cameras[cams_[cams].members[0]].name; };
+    const auto found = place_by_motion(cal_, join.frames, symmetries_);
+    if (!found) {
+      if (refusal.empty())
+        refusal = fmt::format("{} and {}: {}", name(join.cams1), name(join.cams2), found.error().message);
+      continue;
+    }
+    by_motion_.push_back(fmt::format(
+        "{} to {}: {} frames, turns up to {:.0f} degrees about axes {:.0f} degrees apart", name(join.cams2),
+        name(join.cams1), found->turns.n_frames, found->turns.largest_turn_deg, found->turns.axes_deg));
+    const bool keep = boards_[join.boards1].members[0] < boards_[join.boards2].members[0];
+    if (keep)
+      move_boards(join.boards1, join.boards2, found->T_board1_board2);
+    else
+      move_boards(join.boards2, join.boards1, found->T_board1_board2.inverse());
+    move_cameras(join.cams1, join.cams2, found->T_cam1_cam2.inverse());
+    find_poses();
+    return true;
+  }
+  return false;
+}
+
+// By the frames that most views share, camera 0's group first: a spanning tree of the best-determined edges.
+Status Builder::join_all() {
+  std::string refusal;
+  for (;;) {
+    const std::vector<Join> list = joins();
+    const Join* best = nullptr;
+    for (const Join& join : list) {
+      if (!best || std::pair(join.at_home, join.n_frames) > std::pair(best->at_home, best->n_frames))
+        best = &join;
+    }
+    if (best) {
+      apply(*best);
+      continue;
+    }
+    refusal.clear();
+    if (cams_.size() == 1 || !join_by_motion(refusal)) break;
+  }
+  if (cams_.size() == 1) return {};
+  RigGroups groups{std::vector<int>(cal_.rig.cameras.size()), std::vector<int>(cal_.data.targets.size())};
+  for (const Group& group : cams_) {
+    const int root = *std::min_element(group.members.begin(), group.members.end());
+    for (int cam : group.members) groups.of_cam[cam] = root;
+  }
+  return gap_error(cal_.data, sights(), groups, refusal);
+}
+
+// Among the views of a frame, the one whose pose suits all of them best.
+void Builder::choose_frame_poses() {
+  std::vector<std::vector<int>> views_of(cal_.T_rig_board.size());
+  for (std::size_t v = 0; v < cal_.data.views.size(); ++v) {
+    if (T_cam_board_[v]) views_of[cal_.data.views[v].frame].push_back(static_cast<int>(v));
+  }
   for (std::size_t f = 0; f < views_of.size(); ++f) {
-    if (views_of[f].size() < 2) continue;
     double best = -1;
     for (int source : views_of[f]) {
-      const SE3 T_rig_board =
-          b.cal.rig.T_cam_rig[b.cal.data.views[source].cam].inverse() * *b.T_cam_board[source];
+      const View& from = cal_.data.views[source];
+      SE3 T_rig_board = cal_.rig.T_cam_rig[from.cam].inverse() * *T_cam_board_[source];
+      if (from.target > 0) T_rig_board = T_rig_board * cal_.T_board0_board[from.target].inverse();
       double sum = 0;
       for (int v : views_of[f]) {
-        sum += error_px(b.cal, {v, T_rig_board, {}}, b.cal.rig.T_cam_rig[b.cal.data.views[v].cam], identity);
+        const View& view = cal_.data.views[v];
+        Link link{v, std::nullopt, T_rig_board, {}};
+        if (view.target > 0) link.right = T_rig_board * cal_.T_board0_board[view.target];
+        sum += error_px(cal_, link, cal_.rig.T_cam_rig[view.cam], symmetries_[view.target][0]);
       }
       if (best >= 0 && !(sum < best)) continue;
       best = sum;
-      b.cal.T_rig_board[f] = T_rig_board;
+      cal_.T_rig_board[f] = T_rig_board;
     }
   }
+}
+
+Calibration Builder::finish() {
+  cal_.rig.T_cam_rig = T_cam_group_;
+  cal_.T_board0_board = T_group_board_;
+  choose_frame_poses();
+  for (std::size_t v = 0; v < cal_.data.views.size(); ++v) {
+    if (T_cam_board_[v]) cal_.fits[v].resize(cal_.data.views[v].corners.size());
+  }
+  if (!renumbered_.empty()) {
+    std::string& remark = cal_.data.detector;
+    remark += fmt::format("{}{} views renumbered, because the board looks the same turned around: {}",
+                          remark.empty() ? "" : "; ", renumbered_.size(), join(renumbered_, ", "));
+  }
+  evaluate(cal_);
+  if (!by_motion_.empty()) cal_.provenance.options["joined by motion"] = join(by_motion_, "; ");
+  return std::move(cal_);
 }
 
 }  // namespace
 
 Result<Calibration> seed_rig(const Dataset& data, const std::vector<MonoData>& parts,
                              std::vector<Calibration> monos) {
-  std::vector<Lens> lenses;
-  for (const Calibration& mono : monos) lenses.push_back(mono.rig.cameras[0].lens);
-  Builder b{empty_calibration(data, lenses), {}, {}, {}};
-  b.T_cam_board.resize(data.views.size());
-  b.placed.assign(monos.size(), false);
-  for (std::size_t cam = 0; cam < monos.size(); ++cam) {
-    for (std::size_t i = 0; i < parts[cam].view_index.size(); ++i) {
-      const int v = parts[cam].view_index[i];
-      b.cal.view_reason[v] = monos[cam].view_reason[i];
-      if (takes_part(monos[cam], i))
-        b.T_cam_board[v] = monos[cam].T_rig_board[parts[cam].data.views[i].frame];
-    }
-  }
-  const std::vector<Symmetry> all = symmetries(data.targets[0]);
-  b.adopt_frames(0);
-  for (std::size_t n_placed = 1; n_placed < monos.size(); ++n_placed) {
-    int next = -1;
-    std::vector<SharedFrame> most;
-    for (int cam = 0; cam < static_cast<int>(monos.size()); ++cam) {
-      if (b.placed[cam]) continue;
-      std::vector<SharedFrame> frames = b.shared_frames(cam);
-      if (next >= 0 && frames.size() <= most.size()) continue;
-      next = cam;
-      most = std::move(frames);
-    }
-    if (most.empty()) {
-      return Error{
-          ErrorCode::kDegenerate,
-          fmt::format(
-              "cameras {} and {} never see the board in the same frame, and no other camera connects them; "
-              "take images in which both see the board at once, and check that --cam patterns pair the "
-              "frames",
-              data.cameras[0].name, data.cameras[next].name),
-          fmt::format("cameras {}, {}", data.cameras[0].name, data.cameras[next].name)};
-    }
-    b.add(next, most, all);
-  }
-  choose_frame_poses(b);
-  for (std::size_t v = 0; v < data.views.size(); ++v) {
-    if (b.T_cam_board[v]) b.cal.fits[v].resize(data.views[v].corners.size());
-  }
-  if (!b.renumbered.empty()) {
-    std::string& remark = b.cal.data.detector;
-    remark += fmt::format("{}{} views renumbered, because the board looks the same turned around: {}",
-                          remark.empty() ? "" : "; ", b.renumbered.size(), join(b.renumbered, ", "));
-  }
-  evaluate(b.cal);
-  return std::move(b.cal);
+  Builder builder(data, parts, monos);
+  if (Status joined = builder.join_all(); !joined) return joined.error();
+  return builder.finish();
 }
 
 }  // namespace plumbline::detail

@@ -10,68 +10,21 @@
 #include <cmath>
 #include <utility>
 
-#include "plumbline/core/text.hpp"
 #include "plumbline/rig/motion.hpp"
 #include "refine/block_solve.hpp"
 #include "refine/moving_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
+#include "refine/shared_block.hpp"
+#include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
-
-bool takes_part(const Calibration& cal, std::size_t v) {
-  return !cal.fits[v].empty() && cal.T_rig_board[cal.data.views[v].frame].has_value();
-}
-
-std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, bool use_sigma) {
-  std::vector<Observation> list;
-  if (!takes_part(cal, v)) return list;
-  const View& view = cal.data.views[v];
-  for (std::size_t i = 0; i < view.corners.size(); ++i) {
-    if (cal.fits[v][i].outlier) continue;
-    const Corner& c = view.corners[i];
-    const Target& target = cal.data.targets[view.target];
-    list.push_back({target.points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
-    if (target.outline) list.back().bow_shape = bow_shape(*target.outline, target.points[c.point]);
-  }
-  return list;
-}
-
-Offsets offsets_of(const Rig& rig) {
-  Offsets o;
-  o.board.push_back(-1);
-  for (const Camera& camera : rig.cameras) {
-    o.lens.push_back(o.total);
-    o.total += n_params(camera.lens);
-  }
-  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
-    o.pose.push_back(i == 0 ? -1 : o.total);
-    if (i > 0) o.total += 6;
-  }
-  return o;
-}
-
-Offsets offsets_of(const Calibration& cal) {
-  Offsets o = offsets_of(cal.rig);
-  for (std::size_t i = 1; i < cal.data.targets.size(); ++i, o.total += 6) o.board.push_back(o.total);
-  for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
-    const bool bowed = bow_of(cal, static_cast<int>(i)).has_value();
-    o.bow.push_back(bowed ? o.total : -1);
-    if (bowed) o.total += 2;
-  }
-  for (std::size_t i = 0; i < cal.rig.cameras.size(); ++i) {
-    const CameraClock clock = i < cal.clocks.size() ? cal.clocks[i] : CameraClock{};
-    o.line_delay.push_back(clock.line_delay_s ? o.total++ : -1);
-    o.time_offset.push_back(clock.time_offset_s ? o.total++ : -1);
-  }
-  return o;
-}
 
 namespace {
 
 bool is_held(const SolveSpec& spec, int i) { return !spec.held.empty() && spec.held[i]; }
 
-void hold_numbers(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
+void hold_block(ceres::Problem& problem, double* block, int n, int offset, const SolveSpec& spec) {
   std::vector<int> held;
   for (int i = 0; i < n; ++i) {
     if (is_held(spec, offset + i)) held.push_back(i);
@@ -80,6 +33,13 @@ void hold_numbers(ceres::Problem& problem, double* block, int n, int offset, con
     problem.SetParameterBlockConstant(block);
   else if (!held.empty())
     problem.SetManifold(block, new ceres::SubsetManifold(n, held));
+}
+
+// A lens with sparse derivatives has its core in a block of its own.
+void hold_lens(ceres::Problem& problem, const Lens& lens, double* k, int offset, const SolveSpec& spec) {
+  const int n = n_params(lens), n_first = is_sparse(lens) ? 4 : n;
+  hold_block(problem, k, n_first, offset, spec);
+  if (n_first < n) hold_block(problem, k + n_first, n - n_first, offset + n_first, spec);
 }
 
 void hold_pose(ceres::Problem& problem, double* block, int offset, const SolveSpec& spec) {
@@ -146,6 +106,7 @@ class Blocks {
       const Vec2 b = bow.value_or(Vec2(0, 0));
       add(bow_, {b.data(), 2});
     }
+    n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
         add(T_rig_board_, T->qt);
@@ -156,6 +117,9 @@ class Blocks {
   double* lens(int cam) { return &values_[lens_[cam]]; }
   double* T_cam_rig(int cam) { return &values_[T_cam_rig_[cam]]; }
   double* T_rig_board(int frame) { return &values_[T_rig_board_[frame]]; }
+  /// Everything but the board poses, which come last, as one block.
+  double* shared() { return values_.data(); }
+  int n_shared() const { return static_cast<int>(n_shared_); }
   double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
   double* bow(int target) { return &values_[bow_[target]]; }
 
@@ -182,66 +146,166 @@ class Blocks {
   }
   std::vector<double> values_;
   std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_, bow_;
+  std::size_t n_shared_ = 0;
 };
 
-}  // namespace
+bool has_ties(const SolveSpec& spec) {
+  for (std::size_t i = 0; i < spec.tied_to.size(); ++i) {
+    if (spec.tied_to[i] != static_cast<int>(i) && !is_held(spec, static_cast<int>(i))) return true;
+  }
+  return false;
+}
 
-SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
-  if (has_clocks(cal)) return solve_moving(cal, spec);
-  Blocks blocks(cal);
-  ceres::Problem problem;
-  auto* ordering = new ceres::ParameterBlockOrdering;
+// Ties reach across blocks, so with any of them all shared parameters are one block: slower with many
+// cameras, because each view's Jacobian then has the columns of all, but the manifold says it all.
+void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
   const Offsets offsets = offsets_of(cal);
+  const Reduction reduction = reduction_of(spec, offsets.total);
+  std::vector<std::unique_ptr<ceres::Manifold>> parts;
+  std::vector<int> column;
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const int n = n_params(cal.rig.cameras[cam].lens), at = offsets.lens[cam];
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(n));
+    for (int i = at; i < at + n; ++i) column.push_back(reduction.column[i]);
+  }
+  std::vector<int> poses = offsets.pose;
+  poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
+  for (int at : poses) {
+    std::array<bool, 6> held{};
+    for (int i = 0; i < 6; ++i) held[i] = at < 0 || is_held(spec, at + i);
+    if (std::all_of(held.begin(), held.end(), [](bool h) { return h; })) {
+      parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(7));
+      column.insert(column.end(), 7, -1);
+      continue;
+    }
+    parts.push_back(make_pose_manifold(held));
+    for (int i = 0; i < 6; ++i) {
+      if (!held[i]) column.push_back(reduction.column[at + i]);
+    }
+  }
+  for (std::size_t i = 0; i < cal.bow_m.size(); ++i) {
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(2));
+    const int at = offsets.bow[i];
+    for (int n = 0; n < 2; ++n) column.push_back(at < 0 ? -1 : reduction.column[at + n]);
+  }
+  problem.SetManifold(blocks.shared(),
+                      make_tied_manifold(std::move(parts), std::move(column), reduction.n_free).release());
+}
+
+// A prior of a camera that no view of the problem shows changes nothing and is left out.
+void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, double* block) {
+    if (tied) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (problem.HasParameterBlock(block)) {
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
+  };
+  for (const PriorTerm& prior : spec.priors) {
+    const double weight = spec.prior_weight / prior.sigma;
+    const auto add_to_pose = [&](int first, double* block) {
+      const int i = prior.index - first;
+      if (first >= 0 && i >= 0 && i < 6) add(make_pose_prior_cost(i, prior.value, weight), block);
+    };
+    for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
+      const int n = n_params(cal.rig.cameras[cam].lens), i = prior.index - offsets.lens[cam];
+      if (i >= 0 && i < n) add(make_prior_cost(n, i, prior.value, weight), blocks.lens(cam));
+      add_to_pose(offsets.pose[cam], blocks.T_cam_rig(cam));
+    }
+    for (int b = 1; b < static_cast<int>(cal.data.targets.size()); ++b)
+      add_to_pose(offsets.board[b], blocks.T_board0_board(b));
+    for (int b = 0; b < static_cast<int>(cal.bow_m.size()); ++b) {
+      const int i = prior.index - offsets.bow[b];
+      if (offsets.bow[b] >= 0 && i >= 0 && i < 2)
+        add(make_prior_cost(2, i, prior.value, weight), blocks.bow(b));
+    }
+  }
+}
+
+// What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
+// derivatives has a cost for each corner, and its core in a block of its own.
+struct ViewBlocks {
+  std::vector<std::unique_ptr<ceres::CostFunction>> costs;
+  std::vector<double*> parameters;
+};
+ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view, bool bowed,
+                       std::vector<Observation> observations, Blocks& blocks, const SolveSpec& spec) {
+  double *k = blocks.lens(view.cam), *T_rig_board = blocks.T_rig_board(view.frame);
+  ViewBlocks list{{}, {k}};
+  if (is_sparse(*lens)) {
+    for (const Observation& o : observations)
+      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0, bowed));
+    list.parameters.push_back(k + 4);
+  } else {
+    list.costs.push_back(
+        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0, bowed));
+  }
+  list.parameters.insert(list.parameters.end(), {blocks.T_cam_rig(view.cam), T_rig_board});
+  if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
+  if (bowed) list.parameters.push_back(blocks.bow(view.target));
+  if (!has_ties(spec)) return list;
+  std::vector<int> at;
+  for (const double* block : list.parameters)
+    at.push_back(block == T_rig_board ? -1 : static_cast<int>(block - blocks.shared()));
+  for (auto& cost : list.costs) cost = merge_blocks(std::move(cost), at, blocks.n_shared());
+  list.parameters = {blocks.shared(), T_rig_board};
+  return list;
+}
+
+// All views with their manifolds and the order of elimination.
+void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering, Blocks& blocks,
+               const Calibration& cal, const SolveSpec& spec, std::vector<int>& n_residuals) {
+  const Offsets offsets = offsets_of(cal);
+  const bool tied = has_ties(spec);
+  std::vector<std::shared_ptr<Lens>> lenses;
+  for (const Camera& camera : cal.rig.cameras) lenses.push_back(std::make_shared<Lens>(camera.lens));
   std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false),
       bow_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
-    const Lens& lens = cal.rig.cameras[cam].lens;
-    double* k = blocks.lens(cam);
-    double* T_cam_rig = blocks.T_cam_rig(cam);
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
-    std::vector<double*> parameters{k, T_cam_rig, T_rig_board};
-    if (target > 0) parameters.push_back(blocks.T_board0_board(target));
+    n_residuals[cam] += 2 * static_cast<int>(observations.size());
     const bool bowed = offsets.bow[target] >= 0;
-    if (bowed) parameters.push_back(blocks.bow(target));
-    problem.AddResidualBlock(
-        make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, target > 0, bowed)
-            .release(),
-        nullptr, parameters);
+    ViewBlocks view =
+        view_blocks(lenses[cam], cal.data.views[v], bowed, std::move(observations), blocks, spec);
+    for (auto& cost : view.costs) problem.AddResidualBlock(cost.release(), nullptr, view.parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
     else if (!problem.HasManifold(T_rig_board))
       problem.SetManifold(T_rig_board, make_pose_manifold().release());
-    ordering->AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    ordering.AddElementToGroup(T_rig_board, 0);  // board poses are eliminated first
+    if (tied) continue;
     if (target > 0 && !board_seen[target]) {
       board_seen[target] = true;
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
-      ordering->AddElementToGroup(blocks.T_board0_board(target), 1);
+      ordering.AddElementToGroup(blocks.T_board0_board(target), 1);
     }
     if (bowed && !bow_seen[target]) {
       bow_seen[target] = true;
-      hold_numbers(problem, blocks.bow(target), 2, offsets.bow[target], spec);
-      ordering->AddElementToGroup(blocks.bow(target), 1);
+      hold_block(problem, blocks.bow(target), 2, offsets.bow[target], spec);
+      ordering.AddElementToGroup(blocks.bow(target), 1);
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
-    hold_numbers(problem, k, n_params(lens), offsets.lens[cam], spec);
-    ordering->AddElementToGroup(k, 1);
+    hold_lens(problem, *lenses[cam], blocks.lens(cam), offsets.lens[cam], spec);
+    ordering.AddElementToGroup(blocks.lens(cam), 1);
     if (cam == 0)
-      problem.SetParameterBlockConstant(T_cam_rig);  // the rig's frame is camera 0's
+      problem.SetParameterBlockConstant(blocks.T_cam_rig(cam));  // the rig's frame is camera 0's
     else
-      hold_pose(problem, T_cam_rig, offsets.pose[cam], spec);
-    ordering->AddElementToGroup(T_cam_rig, 1);
+      hold_pose(problem, blocks.T_cam_rig(cam), offsets.pose[cam], spec);
+    ordering.AddElementToGroup(blocks.T_cam_rig(cam), 1);
   }
-  ceres::Solver::Options options = solver_options(spec);
-  options.linear_solver_ordering.reset(ordering);
-  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
-  ceres::Solver::Summary summary;
-  const QuietLog quiet;
-  ceres::Solve(options, &problem, &summary);
-  blocks.write_to(cal);
+  if (!tied || problem.NumResiduals() == 0) return;
+  tie_shared(problem, blocks, cal, spec);
+  ordering.AddElementToGroup(blocks.shared(), 1);
+}
+
+SolveReport report_of(const ceres::Solver::Summary& summary, const Calibration& cal) {
   SolveReport report;
   report.usable = summary.IsSolutionUsable() && all_finite(cal);
   report.converged = summary.termination_type == ceres::CONVERGENCE;
@@ -251,49 +315,50 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   return report;
 }
 
+// Which parameters a corner touches changes as it moves.
+void solve_sparsely(ceres::Solver::Options& options) {
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  options.dynamic_sparsity = true;
+  options.linear_solver_ordering.reset();
+}
+
+// `block`: the parameters after the core.
+void add_regularisation(ceres::Problem& problem, const Lens& lens, double* block, int n_residuals) {
+  const double scale = prior_scale(n_residuals, n_params(lens));
+  for (const PriorRow& row : priors(lens))
+    problem.AddResidualBlock(make_prior_cost(row, n_params(lens), scale).release(), nullptr, block);
+}
+
+}  // namespace
+
+SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
+  if (has_clocks(cal)) return solve_moving(cal, spec);
+  Blocks blocks(cal);
+  ceres::Problem problem;
+  auto* ordering = new ceres::ParameterBlockOrdering;
+  ceres::Solver::Options options = solver_options(spec);
+  options.linear_solver_ordering.reset(ordering);
+  std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
+  add_views(problem, *ordering, blocks, cal, spec, n_residuals);
+  for (std::size_t cam = 0; cam < n_residuals.size(); ++cam) {
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    if (n_residuals[cam] == 0 || !is_sparse(lens)) continue;
+    if (has_ties(spec)) return {.termination = "parameters cannot be tied in a rig with a splined lens"};
+    add_regularisation(problem, lens, blocks.lens(static_cast<int>(cam)) + 4, n_residuals[cam]);
+    solve_sparsely(options);
+  }
+  if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
+  add_priors(problem, blocks, cal, spec);
+  ceres::Solver::Summary summary;
+  const QuietLog quiet;
+  ceres::Solve(options, &problem, &summary);
+  blocks.write_to(cal);
+  return report_of(summary, cal);
+}
+
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
   return solve_blocks(cal, spec);
-}
-
-int evaluate(Calibration& cal) {
-  int n_lost = 0;
-  const auto trajectory = has_clocks(cal) ? std::optional(trajectory_of(cal)) : std::nullopt;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    if (!takes_part(cal, v)) continue;
-    const View& view = cal.data.views[v];
-    for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      CornerFit& fit = cal.fits[v][i];
-      const int point = view.corners[i].point;
-      const auto px = trajectory ? predict(cal, *trajectory, view, point) : predict(cal, view, point);
-      fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
-      if (px) continue;
-      fit.outlier = true;
-      ++n_lost;
-    }
-  }
-  return n_lost;
-}
-
-Result<std::vector<bool>> held_mask(const Calibration& cal, const std::vector<std::string>& fixed) {
-  const std::vector<std::string> names = shared_parameter_names(cal);
-  std::vector<bool> held(names.size(), false);
-  for (const std::string& wanted : fixed) {
-    bool found = false;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-      // Camera names may hold spaces, parameter names do not: the parameter is what follows the last space.
-      const std::string parameter = names[i].substr(names[i].rfind(' ') + 1);
-      if (names[i] != wanted && parameter != wanted) continue;
-      held[i] = true;
-      found = true;
-    }
-    if (!found) {
-      return Error{ErrorCode::kInvalidData,
-                   "no shared parameter has this name; there are: " + join(names, ", "),
-                   "fixed parameter '" + wanted + "'"};
-    }
-  }
-  return held;
 }
 
 }  // namespace plumbline::detail

@@ -12,6 +12,12 @@
 /// a pose; a corner of such a view takes part unless it is marked as an outlier.
 namespace plumbline::detail {
 
+/// ((parameter - value) / sigma)^2 in the cost.
+struct PriorTerm {
+  int index = 0;  ///< into shared_parameter_names()
+  double value = 0, sigma = 1;
+};
+
 struct SolveSpec {
   Loss loss = Loss::kSquared;
   double loss_scale = 1.0;
@@ -19,7 +25,16 @@ struct SolveSpec {
   int max_iterations = 200;
   bool tight = true;            ///< false: stop at 1e-7 relative change, for seeds
   std::vector<bool> held = {};  ///< over shared_parameter_names(); empty: none
-  bool hold_boards = false;     ///< move no board pose
+  /// Over the same: the first of the parameters that share one value, which start equal; itself when alone.
+  /// Tied parameters are held all or none, and none is a rotation's. Empty: no ties.
+  std::vector<int> tied_to = {};
+  std::vector<PriorTerm> priors = {};
+  /// What a residual of 1 in a prior weighs: the standard deviation of one (weighted) residual coordinate, so
+  /// that corners and priors weigh by what they are worth.
+  double prior_weight = 1.0;
+  /// The share of the residuals' variance that marking outliers leaves of it (truncated_variance()).
+  double variance_kept = 1.0;
+  bool hold_boards = false;  ///< move no board pose
   Solver solver = Solver::kBlocks;
   int n_threads = 1;  ///< of the block solver
 };
@@ -36,7 +51,9 @@ struct SolveReport {
 /// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
-/// The reference: Ceres on one thread, one cost for each view; of a calibration with clocks solve_moving().
+/// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for
+/// each corner, and the lens' own regularisation (make_prior_cost()), which is then part of the cost.
+/// A calibration with clocks: solve_moving().
 SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
@@ -56,25 +73,47 @@ Offsets offsets_of(const Calibration& calibration);
 /// The same for a calibration of one board.
 Offsets offsets_of(const Rig& rig);
 
+/// The free numbers behind the shared parameters: column[i] is that of parameter i, -1 where it is held.
+struct Reduction {
+  std::vector<int> column;
+  int n_free = 0;
+};
+Reduction reduction_of(const SolveSpec& spec, int n_shared);
+
+/// The shared parameters as numbers: lenses, then rotation vector [rad] and translation [m] of each pose.
+VecX shared_values(const Calibration& calibration);
+void set_shared_value(Calibration& calibration, int index, double value);
+
+/// The priors as residuals r = prior_weight * (value of the parameter - value of the prior) / sigma, and
+/// their derivatives J by the STEP of each shared parameter (box_plus for poses): one row each. Their share
+/// of the cost is r'r / 2.
+struct PriorRows {
+  VecX r;
+  MatX J;
+};
+PriorRows prior_rows(const Calibration& calibration, const SolveSpec& spec);
+
 /// Residuals of all corners of all views that take part. A corner that the lens does not project is marked as
 /// an outlier, with a zero residual; their number is returned.
 int evaluate(Calibration& calibration);
 
 /// Covariance of the shared parameters for a variance of 1 of each (robustified) residual coordinate: the
 /// inverse of the reduced normal matrix S = H_ss - sum_f H_sf H_ff^-1 H_fs, where f runs over the board
-/// poses. Rows and columns of held parameters are zero. Directions
-/// that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of S scaled to a unit
-/// diagonal) get that bound as their eigenvalue, so that their variance is huge but finite.
+/// poses, and the priors' rows are part of J. Rows and columns of held parameters are zero, those of tied
+/// ones equal. Directions that the data do not determine at all (an eigenvalue below 1e-14 of the largest, of
+/// S scaled to a unit diagonal) get that bound as their eigenvalue, so that their variance is huge but
+/// finite.
 struct SharedCovariance {
   MatX unit_covariance;
   VecX
       null_direction;  ///< the least determined of those directions, unit length, scaled parameters; or empty
-  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals - free parameters)
+  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals + priors - free
+                        ///< parameters) / variance_kept
   int n_residuals = 0, n_free = 0;
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);
 
-/// Which shared parameters `fixed` names. kInvalidData lists the names there are.
-Result<std::vector<bool>> held_mask(const Calibration& calibration, const std::vector<std::string>& fixed);
+/// Holds fx fy cx cy of the lenses whose other parameters can express them.
+void hold_cores(const Rig& rig, std::vector<bool>& held);
 
 }  // namespace plumbline::detail

@@ -279,9 +279,18 @@ bool run_eliminate(double* A, double* B, int rows, const Segment* segments, int 
   return true;
 }
 
+// Lenses with a run-time number of parameters have no kernel (block_solver_can() says so).
+template <class L>
+constexpr KernelFunction kernel_of() {
+  if constexpr (FixedLens<L>)
+    return run_kernel<L>;
+  else
+    return nullptr;
+}
+
 template <class... L>
 constexpr KernelSet kernels_of(const std::variant<L...>*, const char* name) {
-  return {name, kWidth, run_eliminate, {run_kernel<L>...}};
+  return {name, kWidth, run_eliminate, {kernel_of<L>()...}};
 }
 
 }  // namespace

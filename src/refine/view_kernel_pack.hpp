@@ -48,14 +48,16 @@ PLUMBLINE_INLINE Pack select(Mask c, Pack a, Pack b) { return {c.m ? a.v : b.v};
 /// The sum of all, in halves: a chain of additions would wait for each other.
 PLUMBLINE_INLINE double sum(Pack a) {
   double x[PLUMBLINE_PACK];
-  typedef double Half __attribute__((vector_size(sizeof(double) * (PLUMBLINE_PACK > 2 ? PLUMBLINE_PACK / 2 : 2))));
+  typedef double Half
+      __attribute__((vector_size(sizeof(double) * (PLUMBLINE_PACK > 2 ? PLUMBLINE_PACK / 2 : 2))));
   if constexpr (PLUMBLINE_PACK > 2) {
     Half low, high;
     __builtin_memcpy(&low, &a.v, sizeof low);
     __builtin_memcpy(&high, reinterpret_cast<const char*>(&a.v) + sizeof low, sizeof high);
     low += high;
     __builtin_memcpy(x, &low, sizeof low);
-    return PLUMBLINE_PACK == 8 ? (x[0] + x[2 % PLUMBLINE_PACK]) + (x[1] + x[3 % PLUMBLINE_PACK]) : x[0] + x[1];
+    return PLUMBLINE_PACK == 8 ? (x[0] + x[2 % PLUMBLINE_PACK]) + (x[1] + x[3 % PLUMBLINE_PACK])
+                               : x[0] + x[1];
   }
   __builtin_memcpy(x, &a.v, sizeof x);
   return x[0] + x[1];

@@ -25,7 +25,8 @@ struct KernelInput {
 /// What a kernel says besides its sums.
 struct KernelAnswer {
   double cost;  ///< half the sum of rho (squared and Huber), 0 for Cauchy
-  double far_z, far_nn;  ///< z |z| and |p_cam|^2 of the corner farthest from the axis, the padding counted too
+  double far_z,
+      far_nn;  ///< z |z| and |p_cam|^2 of the corner farthest from the axis, the padding counted too
 };
 
 /// Lower triangle (row by row, n_params + 7 rows) of the gram, or nothing when `gram` is null. `s` (n_padded,

@@ -30,7 +30,6 @@ constexpr double kUselessFocal = 0.10;
 constexpr double kWeakSpreadDeg = 10.0;
 // A central perspective that sees boards only head-on: focal length and distance cannot be told apart.
 constexpr double kHeadOnDeg = 2.0;
-constexpr double kWeakBaseline = 0.05, kWeakTurnDeg = 0.5;
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // How the boards that one camera saw were tilted.
@@ -67,37 +66,43 @@ bool all_planar(const Calibration& cal) {
 
 constexpr const char* kNextStep = "add images with the board tilted 30 to 45 degrees in several directions";
 
-// "left fx (+0.71), left fy (+0.70)", largest share first, without shares under a fifth.
-std::pair<std::string, int> describe(const VecX& direction, const std::vector<std::string>& names,
-                                     int first_name) {
-  std::vector<int> order(direction.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(),
-                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
-  const double sign = direction[order[0]] < 0 ? -1 : 1;
-  std::vector<std::string> pieces;
-  for (int i : order) {
-    if (std::abs(direction[i]) < 0.2) break;
-    pieces.push_back(fmt::format("{} ({:+.2f})", names[first_name + i], sign * direction[i]));
+// The scale of the image at its centre along x and y [px/rad], which is what a focal length means: fx and fy
+// themselves for most lenses, fx / (1 + xi) for a sphere seen from xi above its centre.
+Vec2 centre_scale(const Lens& lens) {
+  Mat23 J_px_p;
+  if (!project(lens, Vec3(0, 0, 1), &J_px_p)) return Vec2(params(lens)[0], params(lens)[1]);
+  return {J_px_p(0, 0), J_px_p(1, 1)};
+}
+
+// Covariance of that scale and of cx, cy.
+Mat4 centre_covariance(const Lens& lens, const MatX& covariance, int offset) {
+  const int n = n_params(lens);
+  MatX G = MatX::Zero(4, n);
+  G(2, 2) = G(3, 3) = 1;
+  for (int i = 0; i < n; ++i) {
+    Lens up = lens, down = lens;
+    const double h = 1e-6 * std::max(1.0, std::abs(params(lens)[i]));
+    params(up)[i] += h, params(down)[i] -= h;
+    G.col(i).head<2>() = (centre_scale(up) - centre_scale(down)) / (2 * h);
   }
-  return {join(pieces, ", "), order[0]};
+  return G * covariance.block(offset, offset, n, n) * G.transpose();
 }
 
 // Directions of (fx, fy, cx, cy) in units of the focal lengths and the image's width.
 void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset,
                    const std::vector<std::string>& names) {
   const Camera& camera = cal.rig.cameras[cam];
-  const auto k = params(camera.lens);
+  const Vec2 f = centre_scale(camera.lens);
   const double width = camera.size.width;
-  const VecX scale = Vec4(1 / k[0], 1 / k[1], 1 / width, 1 / width);
+  const VecX scale = Vec4(1 / f.x(), 1 / f.y(), 1 / width, 1 / width);
   const SymEigen eigen =
-      sym_eigen(scale.asDiagonal() * covariance.block(offset, offset, 4, 4) * scale.asDiagonal());
+      sym_eigen(scale.asDiagonal() * centre_covariance(camera.lens, covariance, offset) * scale.asDiagonal());
   const Tilts tilts = tilts_of(cal, cam);
   const bool all_alike = all_planar(cal) && tilts.spread_deg < kWeakSpreadDeg;
   for (int i = 3; i >= 0; --i) {
     const VecX direction = eigen.vectors.col(i);
     const double sigma = std::sqrt(std::max(0.0, eigen.values[i]));
-    const auto [text, first] = describe(direction, names, offset);
+    const auto [text, first] = describe_direction(direction, names, offset);
     const double bound = first < 2 ? kWeakFocal : kWeakCentre;
     if (!(sigma > bound) && !(all_alike && i == 3)) continue;
     WeakDirection weak;
@@ -118,35 +123,19 @@ void add_weak_lens(Calibration& cal, const MatX& covariance, int cam, int offset
   }
 }
 
-void add_weak_pose(Calibration& cal, const MatX& covariance, int cam, int offset,
-                   const std::vector<std::string>& names) {
-  const double baseline_m = std::max(cal.rig.T_cam_rig[cam].t().norm(), 1e-12);
-  const SymEigen turn = sym_eigen(covariance.block(offset, offset, 3, 3));
-  const SymEigen shift = sym_eigen(covariance.block(offset + 3, offset + 3, 3, 3));
-  const double turn_deg = kDegPerRad * std::sqrt(std::max(0.0, turn.values[2]));
-  const double shift_m = std::sqrt(std::max(0.0, shift.values[2]));
-  const char* next = "add frames in which both cameras see the board, near and far";
-  if (turn_deg > kWeakTurnDeg) {
-    cal.stats.weak.push_back({describe(turn.vectors.col(2), names, offset).first, turn_deg / kDegPerRad,
-                              fmt::format("the rotation of camera {} is known to +-{:.2g} degrees only; {}",
-                                          cal.rig.cameras[cam].name, turn_deg, next)});
-  }
-  if (shift_m > kWeakBaseline * baseline_m) {
-    cal.stats.weak.push_back(
-        {describe(shift.vectors.col(2), names, offset + 3).first, shift_m,
-         fmt::format("the position of camera {} is known to +-{:.2g} m only ({:.0f} % of the "
-                     "baseline); {}",
-                     cal.rig.cameras[cam].name, shift_m, 100 * shift_m / baseline_m, next)});
-  }
-}
-
-// A held focal length has no variance and cannot be refused.
-Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset) {
+// A held focal length has no variance and cannot be refused; one with a prior is judged by its variance
+// alone.
+Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, int offset,
+                      const std::vector<PriorTerm>& priors) {
   const Camera& camera = cal.rig.cameras[cam];
-  const double fx = params(camera.lens)[0], sigma = std::sqrt(covariance(offset, offset));
+  const double fx = centre_scale(camera.lens).x(),
+               sigma = std::sqrt(centre_covariance(camera.lens, covariance, offset)(0, 0));
   const Tilts tilts = tilts_of(cal, cam);
-  const bool head_on =
-      all_planar(cal) && is_central_perspective(camera.lens) && tilts.largest_deg < kHeadOnDeg && sigma > 0;
+  const bool has_prior = std::any_of(priors.begin(), priors.end(), [&](const PriorTerm& prior) {
+    return prior.index == offset || prior.index == offset + 1;
+  });
+  const bool head_on = !has_prior && all_planar(cal) && is_central_perspective(camera.lens) &&
+                       tilts.largest_deg < kHeadOnDeg && sigma > 0;
   if (!(sigma > kUselessFocal * fx) && !head_on) return {};
   return Error{
       ErrorCode::kDegenerate,
@@ -159,7 +148,27 @@ Status refuse_useless(const Calibration& cal, const MatX& covariance, int cam, i
 
 }  // namespace
 
+std::pair<std::string, int> describe_direction(const VecX& direction, const std::vector<std::string>& names,
+                                               int first_name) {
+  std::vector<int> order(direction.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return std::abs(direction[a]) > std::abs(direction[b]); });
+  const double sign = direction[order[0]] < 0 ? -1 : 1;
+  std::vector<std::string> pieces;
+  for (int i : order) {
+    if (std::abs(direction[i]) < 0.2) break;
+    pieces.push_back(fmt::format("{} ({:+.2f})", names[first_name + i], sign * direction[i]));
+  }
+  return {join(pieces, ", "), order[0]};
+}
+
 Status judge_determination(Calibration& cal, const SolveSpec& spec) {
+  // Thousands of parameters of which no one means anything: neither a covariance nor weak directions.
+  cal.covariance.reset();
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return {};
+  }
   const std::vector<std::string> names = shared_parameter_names(cal);
   const SharedCovariance c = shared_covariance(cal, spec);
   cal.covariance = c.variance * c.unit_covariance;
@@ -167,15 +176,15 @@ Status judge_determination(Calibration& cal, const SolveSpec& spec) {
   int offset = 0;
   const int n_cams = static_cast<int>(cal.rig.cameras.size());
   for (int cam = 0; cam < n_cams; ++cam) {
-    if (auto status = refuse_useless(cal, judged, cam, offset); !status) return status;
+    if (auto status = refuse_useless(cal, judged, cam, offset, spec.priors); !status) return status;
     add_weak_lens(cal, judged, cam, offset, names);
     offset += n_params(cal.rig.cameras[cam].lens);
   }
-  for (int cam = 1; cam < n_cams; ++cam, offset += 6) add_weak_pose(cal, judged, cam, offset, names);
+  add_weak_rig(cal, judged, names);
   if (c.null_direction.size() > 0) {
     // Terms of a lens with more terms than the views can tell apart: harmless for the pixels that the boards
     // covered.
-    const auto [text, first] = describe(c.null_direction, names, 0);
+    const auto [text, first] = describe_direction(c.null_direction, names, 0);
     cal.stats.weak.push_back(
         {text, std::sqrt(judged(first, first)),
          "these can change together without changing any residual, and mean nothing one by one; "

@@ -24,7 +24,8 @@ constexpr Term kPerspective[] = {
     {"k5", -0.02, 4}, {"k6", 0.005, 6}, {"p1", 6e-4, 1},   {"p2", -8e-4, 1},
     {"s1", 8e-4, 1},  {"s2", -3e-4, 3}, {"s3", -6e-4, 1},  {"s4", 4e-4, 3},
 };
-constexpr Term kFisheye[] = {{"k1", 0.04, 2}, {"k2", -0.03, 4}, {"k3", 0.012, 6}, {"k4", -0.003, 8}};
+constexpr Term kFisheye[] = {{"k1", 0.04, 2},   {"k2", -0.03, 4}, {"k3", 0.012, 6},
+                             {"k4", -0.003, 8}, {"p1", 6e-4, 1},  {"p2", -8e-4, 1}};
 
 void distort(Lens& lens, double corner_radius, Rng& rng) {
   const auto names = param_names(lens);
@@ -32,6 +33,8 @@ void distort(Lens& lens, double corner_radius, Rng& rng) {
   const auto terms =
       is_central_perspective(lens) ? std::span<const Term>(kPerspective) : std::span<const Term>(kFisheye);
   for (std::size_t i = 4; i < names.size(); ++i) {
+    // What is not a term of a polynomial is the seed's shape of a sphere (xi, alpha, ...), a little off.
+    if (values[i] != 0) values[i] *= rng.uniform(0.95, 1.05);
     for (const Term& term : terms) {
       if (term.name != names[i]) continue;
       values[i] = term.value * rng.uniform(0.8, 1.2) / std::pow(corner_radius, term.radius_power);
@@ -58,8 +61,11 @@ Result<Lens> simulated_lens(std::string_view name, double fov_deg, ImageSize siz
   const double corner_per_side = std::hypot(size.width, size.height) / size.width;
   if (distorted) {
     // The undistorted corner of a barrel lens is about a fifth farther out.
-    const double corner =
-        forward ? 1.2 * std::tan(half) * corner_per_side : std::min(half * corner_per_side, std::numbers::pi);
+    const double corner_angle = std::min(half * corner_per_side, std::numbers::pi);
+    const auto corner_px = project(lens, Vec3(std::sin(corner_angle), 0, std::cos(corner_angle)));
+    const double corner = forward     ? 1.2 * std::tan(half) * corner_per_side
+                          : corner_px ? (corner_px->x() - params(lens)[2]) / params(lens)[0]
+                                      : corner_angle;
     distort(lens, corner, rng);
   }
   const auto values = params(lens);

@@ -24,7 +24,7 @@ Lens lens_with_everything(std::string_view name, double shift) {
     if (names[i] == "fy") values[i] += 7;
     if (names[i] == "cx") values[i] += 5.125;
     if (names[i] == "cy") values[i] -= 3.0 / 7;
-    if (i >= 4) values[i] = (i % 2 ? -1 : 1) * (0.011 + 1e-3 * shift) / static_cast<double>(i);
+    if (i >= 4) values[i] += (i % 2 ? -1 : 1) * (0.011 + 1e-3 * shift) / static_cast<double>(i);
   }
   return lens;
 }

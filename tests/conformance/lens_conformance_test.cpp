@@ -79,7 +79,8 @@ void expect_matches_autodiff(const L& lens, const Vec3& p, double* worst) {
   for (int i = 0; i < L::kNumParams; ++i) {
     const double scale = std::max(1.0, truth.J_px_k.col(i).cwiseAbs().maxCoeff());
     const double error_k = (J_px_k.col(i) - truth.J_px_k.col(i)).cwiseAbs().maxCoeff() / scale;
-    EXPECT_LT(error_k, 1e-10) << L::kParamNames[i] << " at " << p.transpose();
+    // At the edge of a double sphere a derivative vanishes as the difference of two numbers, in both forms.
+    EXPECT_LT(error_k, 3e-10) << L::kParamNames[i] << " at " << p.transpose();
     *worst = std::max(*worst, error_k);
   }
   // Asking for less gives the same.
@@ -122,11 +123,12 @@ TYPED_TEST(LensConformance, BehindTheCameraTheDomainDecides) {
   double worst = 0;
   for (double from_back : {1.5, 1.0, 0.1, 1e-3, 1e-6, 1e-9, 1e-10, 1e-12}) {
     const Vec3 p(std::sin(from_back), 0, -std::cos(from_back));
+    const auto px = lens.project(p);
     if (TypeParam::kIsCentralPerspective) {
-      EXPECT_FALSE(lens.project(p)) << from_back;
-    } else if (lens.project(p)) {
+      EXPECT_FALSE(px) << from_back;
+    } else if (px && (*px - Vec2(lens.cx, lens.cy)).norm() < kFarthestPx) {
       expect_matches_autodiff(lens, p, &worst);
-      const auto ray = unproject(Lens(lens), *lens.project(p));
+      const auto ray = unproject(Lens(lens), *px);
       ASSERT_TRUE(ray) << from_back;
       EXPECT_LT((*ray - p).norm(), 1e-11) << from_back;
     }
@@ -162,7 +164,7 @@ TYPED_TEST(LensConformance, UnprojectionIsTheInverse) {
       const auto again = lens.project(*back);
       ASSERT_TRUE(again);
       const double error_px = (*again - px).norm();
-      EXPECT_LT(error_px, 1e-9);
+      EXPECT_LT(error_px, std::max(1e-9, 1e-10 + 1e-13 * px.norm()));
       worst_px = std::max(worst_px, error_px);
       // The same ray, to what that pixel error means where the map is flattest (smallest singular value of
       // J).

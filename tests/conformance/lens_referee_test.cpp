@@ -3,7 +3,9 @@
 // names.
 #include <gtest/gtest.h>
 
+#include <functional>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/ccalib/omnidir.hpp>
 #include <tuple>
 #include <utility>
 
@@ -34,13 +36,11 @@ constexpr bool opencv_has(std::string_view name) { return name == "kb4" || mrcal
 template <bool kHas, class L>
 using Only = std::conditional_t<kHas, std::tuple<L>, std::tuple<>>;
 template <class... L>
-::testing::Types<L...> types_of(std::tuple<L...>);
-template <class... L>
 auto mrcals(std::variant<L...>*)
-    -> decltype(types_of(std::tuple_cat(std::declval<Only<mrcal_name(L::kName) != nullptr, L>>()...)));
+    -> decltype(test::types_of(std::tuple_cat(std::declval<Only<mrcal_name(L::kName) != nullptr, L>>()...)));
 template <class... L>
 auto opencvs(std::variant<L...>*)
-    -> decltype(types_of(std::tuple_cat(std::declval<Only<opencv_has(L::kName), L>>()...)));
+    -> decltype(test::types_of(std::tuple_cat(std::declval<Only<opencv_has(L::kName), L>>()...)));
 
 // Lenses as strong as glass is, and points that fall within a few image widths: further out a pixel has no
 // 1e-9.
@@ -146,6 +146,69 @@ TYPED_TEST(OpenCvReferee, PixelsAndJacobians) {
     }
   }
   EXPECT_GT(n_points, 3000);
+}
+
+// cv::omnidir's Jacobian: rotation vector (3), translation (3), fx fy, skew, cx cy, xi, k1 k2 p1 p2.
+void expect_matches_omnidir(const std::vector<Case<Mei>>& all, const std::function<Lens(const Mei&)>& ours,
+                            const std::function<MatX(const MatX&, const Mei&)>& derivatives_of_ours) {
+  int n_points = 0;
+  for (const auto& [mei, points] : all) {
+    std::vector<cv::Point3d> p_cv;
+    for (const Vec3& p : points) p_cv.emplace_back(p.x(), p.y(), p.z());
+    const cv::Matx33d K(mei.fx, 0, mei.cx, 0, mei.fy, mei.cy, 0, 0, 1);
+    const cv::Vec4d d(mei.d[0], mei.d[1], mei.d[2], mei.d[3]);
+    std::vector<cv::Point2d> px_cv;
+    cv::Mat J_cv;
+    cv::omnidir::projectPoints(p_cv, px_cv, cv::Vec3d(), cv::Vec3d(), K, mei.xi, d, J_cv);
+    const Lens lens = ours(mei);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      Mat23 J_px_p, truth_p;
+      JacLens J_px_k;
+      MatX truth_k(2, 9);
+      const Vec2 px = project(lens, points[i], &J_px_p, &J_px_k).value();
+      for (int r = 0; r < 2; ++r) {
+        const double* row = J_cv.ptr<double>(static_cast<int>(2 * i) + r);
+        for (int k = 0; k < 3; ++k) truth_p(r, k) = row[3 + k];
+        truth_k.row(r) << row[6], row[7], row[9], row[10], row[11], row[12], row[13], row[14], row[15];
+      }
+      EXPECT_LT((px - Vec2(px_cv[i].x, px_cv[i].y)).norm(), kPx);
+      EXPECT_LT((J_px_p - truth_p).cwiseAbs().maxCoeff() / std::max(1.0, truth_p.cwiseAbs().maxCoeff()), kPx);
+      EXPECT_LT(column_error(MatX(J_px_k), derivatives_of_ours(truth_k, mei)), kPx) << truth_k;
+      ++n_points;
+    }
+  }
+  EXPECT_GT(n_points, 3000);
+}
+
+TEST(OmnidirReferee, MeiPixelsAndJacobians) {
+  expect_matches_omnidir(
+      cases<Mei>(179), [](const Mei& mei) { return Lens(mei); }, [](const MatX& J, const Mei&) { return J; });
+}
+
+// Without distortion mei is ucm in other parameters: alpha = xi / (1 + xi), f = gamma / (1 + xi).
+TEST(OmnidirReferee, UcmPixelsAndJacobians) {
+  std::vector<Case<Mei>> all = cases<Mei>(179);
+  for (auto& [mei, points] : all) {
+    mei.d = {};
+    std::erase_if(points, [&mei = mei](const Vec3& p) {
+      const auto px = mei.project(p);
+      return !px || px->norm() > 5000;
+    });
+  }
+  expect_matches_omnidir(
+      all,
+      [](const Mei& mei) {
+        const double s = 1 + mei.xi;
+        return Lens(UnifiedCamera{mei.fx / s, mei.fy / s, mei.cx, mei.cy, mei.xi / s});
+      },
+      [](const MatX& J, const Mei& mei) {
+        // gamma = f / (1 - alpha), xi = alpha / (1 - alpha)
+        const double s = 1 + mei.xi;
+        MatX ours(2, 5);
+        ours << J.col(0) * s, J.col(1) * s, J.col(2), J.col(3),
+            s * (J.col(0) * mei.fx + J.col(1) * mei.fy) + s * s * J.col(4);
+        return ours;
+      });
 }
 
 }  // namespace

@@ -99,6 +99,41 @@ TEST(DetectDataset, FailuresNameTheImage) {
   EXPECT_THAT(nothing.error().message, testing::HasSubstr("none of the 1 images"));
 }
 
+TEST(DetectDataset, SearchesEveryImageForEveryBoard) {
+  const TempDir dir;
+  const Chessboard other{9, 6, 0.02};
+  Render how;
+  how.samples = 2;
+  const cv::Mat a = render(look_at(*make_target(kBoard), 10, 5, 5), chessboard_shade(kBoard), how);
+  const cv::Mat b = render(look_at(*make_target(other), -8, 5, 0), chessboard_shade(other), how);
+  cv::Mat both, one;
+  cv::hconcat(a, b, both);
+  cv::hconcat(a, cv::Mat(a.size(), a.type(), cv::Scalar(90)), one);
+  ASSERT_TRUE(write_png(dir / "c1.png", both));
+  ASSERT_TRUE(write_png(dir / "c2.png", one));
+  const std::vector<Target> targets{*make_target(kBoard), *make_target(other)};
+  const auto data = detect_dataset({camera_of(dir, "c", {"1", "2"})}, targets);
+  ASSERT_TRUE(data) << data.error().text();
+  ASSERT_EQ(data->views.size(), 4U);
+  EXPECT_TRUE(validate(*data));
+  for (int v = 0; v < 4; ++v) {
+    EXPECT_EQ(data->views[v].frame, v / 2);
+    EXPECT_EQ(data->views[v].target, v % 2);
+    EXPECT_EQ(data->views[v].corners.size(), v == 3 ? 0U : targets[v % 2].points.size()) << v;
+  }
+  EXPECT_FALSE(data->views[3].reason.empty());
+  for (const Corner& c : data->views[0].corners) EXPECT_LT(c.px.x(), a.cols);
+  for (const Corner& c : data->views[1].corners) EXPECT_GT(c.px.x(), a.cols);
+  EXPECT_THAT(data->detector, testing::HasSubstr("chessboard_9x6_20mm: "));
+
+  const auto twice = detect_dataset({camera_of(dir, "c", {"1", "2"})}, {targets[0], targets[0]});
+  ASSERT_FALSE(twice);
+  EXPECT_EQ(twice.error().code, ErrorCode::kInvalidData);
+  const auto absent = detect_dataset({camera_of(dir, "c", {"2"})}, targets);
+  ASSERT_FALSE(absent);
+  EXPECT_THAT(absent.error().text(), testing::HasSubstr("target chessboard_9x6_20mm: it is in no image"));
+}
+
 // All photographs of the demo, in both folders' common form.
 TEST(DetectData, DemoPhotographs) {
   const auto folder = demo_images();

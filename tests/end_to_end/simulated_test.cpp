@@ -5,6 +5,7 @@
 #include "plumbline/assess/compare.hpp"
 #include "plumbline/io/calibration_io.hpp"
 #include "plumbline/lens/lens.hpp"
+#include "support/lens_samples.hpp"
 #include "support/support.hpp"
 
 namespace plumbline {
@@ -37,7 +38,7 @@ class Simulated : public ::testing::Test {
 };
 
 TEST_F(Simulated, WithoutNoiseEveryLensGivesTheTruthBack) {
-  for (std::string_view lens : lens_names()) {
+  for (std::string_view lens : test::fixed_lens_names()) {
     const std::string name(lens);
     simulate("--target " + kTargets + "chessboard_9x6_25mm.yaml --lens " + name +
              " --fov 65 --views 25 --noise 0 --cams 2 --baseline 0.08 --no-images --seed 7");

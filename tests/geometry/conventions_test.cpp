@@ -142,6 +142,20 @@ TEST(Conventions, RigPosesLeadFromTheRigToACamera) {
   EXPECT_LT((c.rig.T_cam_rig[1].centre() - Vec3(0.1, 0, 0)).norm(), 1e-15);
 }
 
+TEST(Conventions, BoardPosesLeadFromABoardToTheFirst) {
+  // A second board 0.2 m to the right of the first, in the first one's frame.
+  Calibration c;
+  c.data.targets = {*make_target(Chessboard{3, 3, 0.1}), *make_target(Chessboard{4, 3, 0.1})};
+  c.rig.cameras.push_back({"cam", {640, 480}, *make_lens("pinhole", {640, 480}, 500.0)});
+  c.rig.T_cam_rig = {SE3()};
+  c.T_rig_board = {SE3(Mat3::Identity(), Vec3(0, 0, 1))};
+  c.T_board0_board = {SE3(), SE3(Mat3::Identity(), Vec3(0.2, 0, 0))};
+  View first, second;
+  second.target = 1;
+  EXPECT_LT((*predict(c, first, 0) - Vec2(319.5, 239.5)).norm(), 1e-12);
+  EXPECT_LT((*predict(c, second, 0) - Vec2(319.5 + 100, 239.5)).norm(), 1e-12);  // f 0.2 / Z = 100 px
+}
+
 TEST(Conventions, BoardsAreNumberedRowByRowFromTheTopLeft) {
   const auto chessboard = make_target(Chessboard{9, 6, 0.025});
   ASSERT_TRUE(chessboard);

@@ -30,6 +30,34 @@ TEST(CalibrationYaml, HasNoNegativeZero) {
   EXPECT_EQ(format_calibration(*parse_calibration(yaml)), yaml);
 }
 
+TEST(CalibrationYaml, GivesSeveralBoardsBackToTheLastBit) {
+  const Calibration a = test::example_of_two_boards();
+  const std::string yaml = format_calibration(a);
+  const auto b = parse_calibration(yaml);
+  ASSERT_TRUE(b) << b.error().text() << "\n" << yaml;
+  EXPECT_EQ(format_calibration(*b), yaml);
+  EXPECT_EQ(b->T_board0_board, a.T_board0_board);
+  EXPECT_EQ(*b->covariance, *a.covariance);
+  ASSERT_EQ(b->data.targets.size(), 2u);
+  EXPECT_EQ(b->data.targets[1].spec, a.data.targets[1].spec);
+  for (std::size_t v = 0; v < a.data.views.size(); ++v)
+    EXPECT_EQ(b->data.views[v].target, a.data.views[v].target) << v;
+  std::string swapped = yaml;
+  swapped.replace(swapped.find("  chessboard_3x2_25mm: {q"), 21, "  another");
+  const auto broken = parse_calibration(swapped);
+  ASSERT_FALSE(broken);
+  EXPECT_THAT(broken.error().text(), HasSubstr("one pose for each target"));
+}
+
+// Files from before there were several boards have no trace of them, and are written as they were.
+TEST(CalibrationYaml, OneBoardIsWrittenAsBefore) {
+  const std::string yaml = format_calibration(test::example_calibration());
+  EXPECT_THAT(yaml, HasSubstr("p_cam = T_cam_rig * T_rig_board * p_board;"));
+  EXPECT_EQ(yaml.find("board0"), std::string::npos);
+  EXPECT_EQ(yaml.find("targets"), std::string::npos);
+  EXPECT_EQ(yaml.find("    target:"), std::string::npos);
+}
+
 TEST(CalibrationYaml, GivesEverythingBackToTheLastBit) {
   const Calibration a = test::example_calibration();
   const std::string yaml = format_calibration(a);

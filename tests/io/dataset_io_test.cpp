@@ -11,8 +11,11 @@ namespace {
 using ::testing::HasSubstr;
 
 void expect_same(const Dataset& a, const Dataset& b) {
-  EXPECT_EQ(a.targets[0].spec, b.targets[0].spec);
-  EXPECT_EQ(a.targets[0].name, b.targets[0].name);
+  ASSERT_EQ(a.targets.size(), b.targets.size());
+  for (std::size_t i = 0; i < a.targets.size(); ++i) {
+    EXPECT_EQ(a.targets[i].spec, b.targets[i].spec);
+    EXPECT_EQ(a.targets[i].name, b.targets[i].name);
+  }
   EXPECT_EQ(a.frames, b.frames);
   EXPECT_EQ(a.detector, b.detector);
   ASSERT_EQ(a.cameras.size(), b.cameras.size());
@@ -23,7 +26,8 @@ void expect_same(const Dataset& a, const Dataset& b) {
   ASSERT_EQ(a.views.size(), b.views.size());
   for (std::size_t v = 0; v < a.views.size(); ++v) {
     const View &p = a.views[v], &q = b.views[v];
-    EXPECT_EQ(std::tie(p.cam, p.frame, p.image, p.reason), std::tie(q.cam, q.frame, q.image, q.reason));
+    EXPECT_EQ(std::tie(p.cam, p.frame, p.target, p.image, p.reason),
+              std::tie(q.cam, q.frame, q.target, q.image, q.reason));
     ASSERT_EQ(p.corners.size(), q.corners.size());
     for (std::size_t i = 0; i < p.corners.size(); ++i) {
       EXPECT_EQ(p.corners[i].point, q.corners[i].point);
@@ -45,6 +49,31 @@ TEST(CornersYaml, GivesTheDatasetBackToTheLastBit) {
   ASSERT_TRUE(back) << back.error().text() << "\n" << yaml;
   expect_same(data, *back);
   EXPECT_EQ(format_corners(*back), yaml);
+}
+
+TEST(CornersYaml, GivesSeveralBoardsBack) {
+  const Dataset data = test::example_of_two_boards().data;
+  const std::string yaml = format_corners(data);
+  const auto back = parse_corners(yaml);
+  ASSERT_TRUE(back) << back.error().text() << "\n" << yaml;
+  expect_same(data, *back);
+  EXPECT_EQ(format_corners(*back), yaml);
+}
+
+TEST(CornersYaml, ViewsOfSeveralBoardsNameTheirs) {
+  const std::string yaml = format_corners(test::example_of_two_boards().data);
+  const auto without = [&](const std::string& line, const std::string& instead) {
+    std::string text = yaml;
+    text.replace(text.find(line), line.size(), instead);
+    return error_of(text);
+  };
+  EXPECT_THAT(without("    target: chessboard_3x2_25mm\n", ""), HasSubstr("target"));
+  EXPECT_THAT(without("    target: chessboard_3x2_25mm\n", "    target: nobody\n"),
+              HasSubstr("there is no target 'nobody'"));
+  EXPECT_THAT(without("name: \"the other: board\"", "name: chessboard_3x2_25mm"), HasSubstr("there twice"));
+  EXPECT_THAT(
+      without("targets:\n", "target: {type: chessboard, corners: [3, 2], square_m: 0.025}\ntargets:\n"),
+      HasSubstr("both 'target' and 'targets'"));
 }
 
 TEST(CornersYaml, ReadsAHandWrittenFile) {

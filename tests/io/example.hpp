@@ -53,4 +53,22 @@ inline Calibration example_calibration() {
   return c;
 }
 
+/// The same with a second board that three views show.
+inline Calibration example_of_two_boards() {
+  Calibration c = example_calibration();
+  c.data.targets.push_back(make_target(Charuco{}, "the other: board").value());
+  c.T_board0_board.push_back(SE3(so3_exp({0.4, -0.2, 1.0 / 3}), {0.3, -0.1, 1.0 / 7}));
+  for (std::size_t v : {0, 3, 2}) {
+    View view = c.data.views[v];
+    view.target = 1;
+    c.data.views.push_back(view);
+    c.fits.push_back(c.fits[v]);
+    c.view_reason.push_back(c.view_reason[v]);
+  }
+  Rng rng(8);
+  const auto n = static_cast<Eigen::Index>(shared_parameter_names(c).size());
+  c.covariance = MatX::NullaryExpr(n, n, [&] { return rng.normal(); });
+  return c;
+}
+
 }  // namespace plumbline::test

@@ -257,8 +257,10 @@ TEST(MrcalFormat, TwoFilesAreARigRelativeToTheFirst) {
 TEST(MrcalFormat, TheDataSetsModelsProjectAsInMrcal) {
   const auto dir = test::data_dir("mrcal_data");
   PLUMBLINE_NEEDS(dir);
-  for (const char* name : {"cam0.opencv8.cameramodel", "cam1.opencv8.cameramodel"}) {
-    const fs::path file = *dir / "test" / "data" / name;
+  for (const char* name :
+       {"test/data/cam0.opencv8.cameramodel", "test/data/cam1.opencv8.cameramodel",
+        "test/data/cam0.splined.cameramodel", "doc/data/figueroa-overpass-looking-S/splined-0.cameramodel"}) {
+    const fs::path file = *dir / name;
     const auto rig = read_rig(std::vector<NamedBytes>{{name, test::read_text(file)}});
     ASSERT_TRUE(rig) << rig.error().text();
     mrcal_cameramodel_t* model = mrcal_read_cameramodel_file(file.c_str());
@@ -270,7 +272,46 @@ TEST(MrcalFormat, TheDataSetsModelsProjectAsInMrcal) {
       EXPECT_LT((Vec2(px.x, px.y) - project(rig->cameras[0].lens, p).value()).norm(), 1e-9);
     }
     mrcal_free_cameramodel(&model);
+    // There and back without a lost bit.
+    const auto again = read_rig(find_format("mrcal")->write(*rig, {}).value());
+    ASSERT_TRUE(again) << again.error().text();
+    EXPECT_EQ(lens_spec(again->cameras[0].lens), lens_spec(rig->cameras[0].lens));
+    EXPECT_TRUE(std::ranges::equal(params(again->cameras[0].lens), params(rig->cameras[0].lens)));
   }
+}
+
+TEST(MrcalFormat, SplinedLensesOfBothOrdersAreMrcals) {
+  const TempDir dir;
+  for (const char* spec : {"splined:12x9:120", "splined:9x12:120:2"}) {
+    Rig rig;
+    Lens lens = make_lens(spec, {640, 480}, 300).value();
+    double k = 0;
+    for (double& c : params(lens).subspan(4)) c = 1e-3 * std::sin(k += 1);
+    rig.cameras = {{"left", {640, 480}, lens}};
+    rig.T_cam_rig = {SE3()};
+    const auto files = written(dir, "mrcal", rig);
+    mrcal_cameramodel_t* model = mrcal_read_cameramodel_file(files.at("left.cameramodel").c_str());
+    ASSERT_NE(model, nullptr);
+    for (const Vec3& p : points()) {
+      const mrcal_point3_t p_cam{{.x = p.x(), .y = p.y(), .z = p.z()}};
+      mrcal_point2_t px;
+      ASSERT_TRUE(mrcal_project(&px, nullptr, nullptr, &p_cam, 1, &model->lensmodel, model->intrinsics));
+      EXPECT_LT((Vec2(px.x, px.y) - project(lens, p).value()).norm(), 1e-9);
+    }
+    mrcal_free_cameramodel(&model);
+  }
+  const auto error_of = [](const std::string& model) {
+    return read_rig(std::vector<NamedBytes>{{"a.cameramodel", "{ 'lensmodel': '" + model +
+                                                                  "', 'intrinsics': [1,1,0,0], 'extrinsics': "
+                                                                  "[0,0,0,0,0,0], 'imagersize': [9,9] }"}})
+        .error()
+        .text();
+  };
+  EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_fov_x_deg=170"), HasSubstr("has no Ny="));
+  EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=5_Nx=30_Ny=20_fov_x_deg=170"),
+              HasSubstr("order 5 is neither 2 nor 3"));
+  EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=170"),
+              HasSubstr("has 1204 parameters, 4 are given"));
 }
 
 }  // namespace

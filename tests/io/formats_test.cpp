@@ -349,17 +349,20 @@ TEST(KalibrFormat, PosesThroughTheImuAreRead) {
 
 TEST(KalibrFormat, OtherModelsAreNamed) {
   std::string text = kKalibrOwn;
-  text.replace(text.find("pinhole"), 7, "eucm");
+  text.replace(text.find("pinhole"), 7, "ocam");
   EXPECT_THAT(read_rig(std::vector<NamedBytes>{{"c", text}}).error().text(),
-              HasSubstr("cam0.camera_model, line 3: camera model 'eucm'"));
+              HasSubstr("cam0.camera_model, line 3: camera model 'ocam'"));
   const auto unsupported = find_format("kalibr")->write(stereo(), {});
   ASSERT_FALSE(unsupported);
   EXPECT_EQ(unsupported.error().text(),
             "camera left: format kalibr cannot express the lens opencv5 with these values (it knows: pinhole "
-            "opencv4 kb4); calibrate "
+            "opencv4 kb4 ucm mei eucm ds fov); calibrate "
             "with one of those, or write one of: plumbline, opencv, ros, mrcal, colmap [kUnsupported]");
   // A third radial term of zero is an opencv4 in all but name.
   EXPECT_TRUE(find_format("kalibr")->write(stereo("opencv5", {-0.28, 0.025, 0.0012, -0.00013, 0}), {}));
+  // Kalibr keeps alpha to 0 to 1.
+  EXPECT_TRUE(find_format("kalibr")->write(stereo("eucm", {0.6, 1.1}), {}));
+  EXPECT_FALSE(find_format("kalibr")->write(stereo("eucm", {-0.01, 1.1}), {}));
 }
 
 // --- COLMAP ---
@@ -394,7 +397,8 @@ TEST(ColmapFormat, ReadsTheSimplerModels) {
   const auto error_of = [](const std::string& line) {
     return read_rig(std::vector<NamedBytes>{{"c", "1 PINHOLE 9 9 1 1 1 1\n" + line + "\n"}}).error().text();
   };
-  EXPECT_THAT(error_of("2 FOV 9 9 1 1 1 1 1"), HasSubstr("c: line 2: camera model 'FOV'"));
+  EXPECT_THAT(error_of("2 THIN_PRISM_FISHEYE 9 9 1 1 1 1 1"),
+              HasSubstr("c: line 2: camera model 'THIN_PRISM_FISHEYE'"));
   EXPECT_THAT(error_of("2 PINHOLE 9 9 1 1 1"), HasSubstr("PINHOLE has 4 parameters, there are 3"));
   EXPECT_THAT(error_of("2 PINHOLE 9 9 1 1 1 nan"), HasSubstr("'nan'"));
 }

@@ -33,7 +33,8 @@ double first_fold(const L& lens, double widest) {
 
 template <class L>
 class RadialEdge : public ::testing::Test {};
-using RadialLenses = ::testing::Types<OpenCV4, OpenCV5, OpenCV8, OpenCV12, KannalaBrandt4>;
+using RadialLenses = ::testing::Types<OpenCV4, OpenCV5, OpenCV8, OpenCV12, KannalaBrandt4, UnifiedCamera,
+                                      EnhancedUnifiedCamera, DoubleSphere>;
 TYPED_TEST_SUITE(RadialEdge, RadialLenses, LensTypeName);
 
 // Without tangential and prism terms the domain ends exactly where the image would fold.
@@ -113,6 +114,32 @@ TEST(KannalaBrandtDomain, ReachesBehindTheCameraUntilTheFold) {
   // theta - theta^3 / 12 turns back at 2 rad, behind the camera.
   const KannalaBrandt4 folded{300, 300, 0, 0, -1.0 / 12, 0, 0, 0};
   EXPECT_NEAR(edge_of_domain(folded, 1.0), 2.0, 1e-9);
+}
+
+TEST(SphereDomain, OfMeiIsThatOfBothItsParts) {
+  // xi > 1: the image turns back where cos(theta) = -1 / xi.
+  EXPECT_NEAR(edge_of_domain(Mei{500, 500, 0, 0, 1.25, {}}, 1.0), std::acos(-0.8), 1e-9);
+  // xi < 1: it runs off to infinity where cos(theta) = -xi.
+  EXPECT_NEAR(edge_of_domain(Mei{500, 500, 0, 0, 0.5, {}}, 1.0), std::acos(-0.5), 1e-9);
+  // rho - 0.3 rho^3 turns back at rho^2 = 1 / 0.9; xi = 1 makes that tan(theta / 2).
+  EXPECT_NEAR(edge_of_domain(Mei{500, 500, 0, 0, 1, {-0.3, 0, 0, 0}}, 1.0), 2 * std::atan(std::sqrt(1 / 0.9)),
+              1e-9);
+  EXPECT_FALSE((Mei{500, 500, 0, 0, -1.001, {}}.project(Vec3(0, 0, 1))));
+}
+
+TEST(OneParameterDomain, ReachesAllAroundOrToTheEdge) {
+  const FieldOfView fov{300, 300, 0, 0, 0.9}, mirrored{300, 300, 0, 0, -0.9}, narrow{300, 300, 0, 0, 0};
+  for (const double theta : {0.3, 1.0, 2.0, 3.1}) {
+    // r_d = atan2(2 tan(w/2) sin, cos) / w, by hand.
+    const double r = 300 * std::atan2(2 * std::tan(0.45) * std::sin(theta), std::cos(theta)) / 0.9;
+    EXPECT_NEAR(fov.project(point_at(theta, 0))->x(), r, 1e-10) << theta;
+    EXPECT_NEAR(mirrored.project(point_at(theta, 0))->x(), r, 1e-10) << theta;
+  }
+  EXPECT_NEAR(narrow.project(Vec3(0.7, 0, 1))->x(), 210, 1e-10);
+  EXPECT_FALSE((FieldOfView{300, 300, 0, 0, 3.2}.project(Vec3(0.1, 0, 1))));
+  const Division barrel{300, 300, 0, 0, -0.2}, cushion{300, 300, 0, 0, 0.1};
+  EXPECT_TRUE(barrel.project(point_at(3.1, 0.4)));
+  EXPECT_NEAR(edge_of_domain(cushion, 0.4), std::atan(std::sqrt(0.99 / 0.4)), 1e-9);
 }
 
 // Lenses as cameras have them: the whole image lies in the domain. Values: OpenCV's sample stereo pair, the

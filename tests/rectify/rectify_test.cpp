@@ -310,6 +310,13 @@ TEST(VerticalRms, IsZeroForTheTruthAndSeesAShift) {
   const auto r = rectify_stereo(cal.rig, 0, 1);
   ASSERT_TRUE(r);
   EXPECT_LT(vertical_rms_px(*r, cal).value(), 1e-8);
+  // Corners of another board with the same numbers are no partners of these.
+  cal.data.targets.push_back(cal.data.targets[0]);
+  cal.data.views.push_back(cal.data.views[0]);
+  cal.data.views.back().target = 1;
+  for (Corner& c : cal.data.views.back().corners) c.px.y() += 20;
+  cal.fits.push_back(cal.fits[0]);
+  EXPECT_LT(vertical_rms_px(*r, cal).value(), 1e-8);
   for (Corner& c : cal.data.views[1].corners) c.px.y() += 0.5;
   EXPECT_NEAR(vertical_rms_px(*r, cal).value(), 0.5 * r->P[0](0, 0) / 533, 0.03);
   for (CornerFit& fit : cal.fits[1]) fit.outlier = true;

@@ -106,16 +106,18 @@ struct Reprojection {
   bool operator()(const T* p_world, T* r) const {
     return std::visit(
         [&]<class L>(const L& l) {
-          const Mat3 R = camera.T_cam_world.R();
-          const Vec3 t = camera.T_cam_world.t();
-          T q[3], k[L::kNumParams];
-          for (int i = 0; i < 3; ++i)
-            q[i] = R(i, 0) * p_world[0] + R(i, 1) * p_world[1] + R(i, 2) * p_world[2] + t[i];
-          for (int i = 0; i < L::kNumParams; ++i) k[i] = T((&l.fx)[i]);
-          L::project_t(k, q, r);
-          r[0] -= px.x();
-          r[1] -= px.y();
-          return true;
+          if constexpr (FixedLens<L>) {
+            const Mat3 R = camera.T_cam_world.R();
+            const Vec3 t = camera.T_cam_world.t();
+            T q[3], k[L::kNumParams];
+            for (int i = 0; i < 3; ++i)
+              q[i] = R(i, 0) * p_world[0] + R(i, 1) * p_world[1] + R(i, 2) * p_world[2] + t[i];
+            for (int i = 0; i < L::kNumParams; ++i) k[i] = T((&l.fx)[i]);
+            L::project_t(k, q, r);
+            r[0] -= px.x();
+            r[1] -= px.y();
+          }
+          return FixedLens<L>;
         },
         camera.lens);
   }

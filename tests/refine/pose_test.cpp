@@ -119,15 +119,17 @@ struct Reprojection {
   bool operator()(const T* pose, T* r) const {  // angle-axis, translation
     return std::visit(
         [&]<class L>(const L& l) {
-          const T p[3] = {T(p_world[0]), T(p_world[1]), T(p_world[2])};
-          T q[3], k[L::kNumParams];
-          ceres::AngleAxisRotatePoint(pose, p, q);
-          for (int i = 0; i < 3; ++i) q[i] += pose[3 + i];
-          for (int i = 0; i < L::kNumParams; ++i) k[i] = T((&l.fx)[i]);
-          L::project_t(k, q, r);
-          r[0] -= px.x();
-          r[1] -= px.y();
-          return true;
+          if constexpr (FixedLens<L>) {
+            const T p[3] = {T(p_world[0]), T(p_world[1]), T(p_world[2])};
+            T q[3], k[L::kNumParams];
+            ceres::AngleAxisRotatePoint(pose, p, q);
+            for (int i = 0; i < 3; ++i) q[i] += pose[3 + i];
+            for (int i = 0; i < L::kNumParams; ++i) k[i] = T((&l.fx)[i]);
+            L::project_t(k, q, r);
+            r[0] -= px.x();
+            r[1] -= px.y();
+          }
+          return FixedLens<L>;
         },
         lens);
   }

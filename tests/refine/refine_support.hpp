@@ -12,13 +12,15 @@
 #include "plumbline/core/text.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/refine/refine.hpp"
+#include "support/lens_samples.hpp"
 #include "support/support.hpp"
 
 /// Simulated data with known truth. Pixels come from OpenCV's projection, not from the lenses under test.
 namespace plumbline::test {
 
 /// Pixel by cv::projectPoints; the fisheye by its definition (Kannala & Brandt 2006, eq. 6), because
-/// cv::fisheye::projectPoints is wrong beyond 90 degrees. nullopt behind a perspective camera.
+/// cv::fisheye::projectPoints is wrong beyond 90 degrees; the lenses that OpenCV does not have by their plain
+/// definition. nullopt behind a perspective camera.
 inline std::optional<Vec2> project_by_opencv(const Lens& lens, const Vec3& p_cam) {
   const auto k = params(lens);
   if (lens_name(lens) == "kb4") {
@@ -27,6 +29,7 @@ inline std::optional<Vec2> project_by_opencv(const Lens& lens, const Vec3& p_cam
     for (int i = 0; i < 4; ++i) d += k[4 + i] * std::pow(theta, 3 + 2 * i);
     return Vec2(k[0] * d * std::cos(phi) + k[2], k[1] * d * std::sin(phi) + k[3]);
   }
+  if (!is_central_perspective(lens)) return project_plainly(lens, p_cam);
   if (p_cam.z() <= 0) return std::nullopt;
   const cv::Matx33d K(k[0], 0, k[2], 0, k[1], k[3], 0, 0, 1);
   const std::vector<double> D(k.begin() + 4, k.end());
@@ -107,7 +110,7 @@ inline Simulation simulate(const Scene& scene) {
             px->y() > scene.size.height - 1)
           continue;
         // The image of a polynomial lens folds back far outside; those points are not seen.
-        const bool wide = lens_name(scene.lenses[cam]) == "kb4";
+        const bool wide = !is_central_perspective(scene.lenses[cam]);
         if (!wide && p_cam.head<2>().norm() > scene.widest_tan * p_cam.z()) continue;
         view.corners.push_back({id, *px, 1.0});
         points.push_back(p_cam);
@@ -152,13 +155,7 @@ inline double focal_px(ImageSize size, double fov_deg, bool fisheye) {
 
 /// A lens of each kind with plausible distortion for about 60 degrees, off centre.
 inline Lens example_lens(std::string_view name, double focal = 550) {
-  std::vector<double> k{focal, focal * 1.003, 328.3, 236.1};
-  if (name == "kb4") k.insert(k.end(), {-0.02, 0.008, -0.003, 0.0005});
-  if (name.starts_with("opencv")) k.insert(k.end(), {-0.25, 0.09, 0.0012, -0.0007});
-  if (name == "opencv5") k.insert(k.end(), {-0.02});
-  if (name == "opencv8" || name == "opencv12") k.insert(k.end(), {0.01, 0.10, 0.05, 0.03});
-  if (name == "opencv12") k.insert(k.end(), {0.0008, -0.0003, -0.0006, 0.0004});
-  return *make_lens(name, k);
+  return lens_like_glass(name, {focal, focal * 1.003, 328.3, 236.1});
 }
 
 /// mrcal's corners file: "name x y [level]" in board order. Views of the cameras whose names start with these

@@ -44,6 +44,35 @@ TEST(Calibration, PredictIsOpenCVsProjectionOfTheChain) {
   EXPECT_FALSE(predict(c, without_pose, 0));
 }
 
+TEST(Calibration, AFurtherBoardStandsWhereTheFirstOnePutsIt) {
+  Calibration c = two_cameras();
+  c.data.targets.push_back(*make_target(Charuco{}));
+  c.T_board0_board.push_back(SE3(so3_exp({0.4, -0.2, 1.3}), {0.3, -0.1, 0.05}));
+  // The same point given in the first board's frame is the same pixel.
+  const Vec3 p = c.data.targets[1].points[17];
+  const View first{.cam = 1}, second{.cam = 1, .target = 1};
+  c.data.targets[0].points[30] = c.T_board0_board[1].R() * p + c.T_board0_board[1].t();
+  EXPECT_LT((*predict(c, second, 17) - *predict(c, first, 30)).norm(), 1e-10);
+  EXPECT_LT((*board_pose(c, second) * p - *board_pose(c, first) * c.data.targets[0].points[30]).norm(),
+            1e-14);
+  EXPECT_EQ(*board_pose(c, first), *c.T_rig_board[0]);
+  EXPECT_FALSE(board_pose(c, View{.frame = 1, .target = 1}));
+  const auto names = shared_parameter_names(c);
+  ASSERT_EQ(names.size(), 9U + 4U + 6U + 6U);
+  EXPECT_EQ(names[18], "right t_z");
+  EXPECT_EQ(names[19], c.data.targets[1].name + " r_x");
+  EXPECT_EQ(names.back(), c.data.targets[1].name + " t_z");
+}
+
+TEST(Calibration, HashesTellBoardsApart) {
+  Calibration c = two_cameras();
+  c.data.targets.push_back(*make_target(Charuco{}));
+  c.data.views = {{0, 0, "a", {{0, {1, 1}}}, ""}};
+  const std::string first = corners_hash(c.data);
+  c.data.views[0].target = 1;
+  EXPECT_NE(corners_hash(c.data), first);
+}
+
 TEST(Calibration, SharedParametersAreNamedInOrder) {
   const auto names = shared_parameter_names(two_cameras().rig);
   ASSERT_EQ(names.size(), 9U + 4U + 6U);
@@ -88,6 +117,14 @@ TEST(Dataset, ValidationNamesTheView) {
   EXPECT_THAT(fault([](Dataset& d) { d.views[0].frame = 2; }), HasSubstr("frame index"));
   EXPECT_THAT(fault([](Dataset& d) { d.views[0].cam = -1; }), HasSubstr("camera index"));
   EXPECT_THAT(fault([](Dataset& d) { d.views.push_back(d.views[0]); }), HasSubstr("two images"));
+  EXPECT_THAT(fault([](Dataset& d) { d.views[0].target = 1; }), HasSubstr("target index 1 of 1"));
+  EXPECT_THAT(fault([](Dataset& d) { d.targets.clear(); }), HasSubstr("no target"));
+  EXPECT_THAT(fault([](Dataset& d) { d.targets.push_back(d.targets[0]); }), HasSubstr("have this name"));
+  EXPECT_THAT(fault([](Dataset& d) {
+                d.targets.push_back(*make_target(Charuco{}));
+                d.targets[1].name = d.cameras[0].name;
+              }),
+              HasSubstr("have this name"));
   EXPECT_THAT(fault([](Dataset& d) { d.cameras[0].size = {}; }), HasSubstr("image size"));
   EXPECT_THAT(fault([](Dataset& d) { d.cameras.clear(); }), HasSubstr("no camera"));
 }

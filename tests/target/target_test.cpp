@@ -86,6 +86,33 @@ TEST(Target, ARigIsItsBoardsOneAfterTheOtherAndNotPlanar) {
   EXPECT_TRUE(make_target(Chessboard{})->is_planar);
 }
 
+TEST(Target, BoardsOfOneImageMustBeToldApart) {
+  const auto fault = [](const TargetSpec& a, const TargetSpec& b) {
+    const Status status = check_distinct({*make_target(a, "one"), *make_target(b, "two")});
+    return status ? std::string() : status.error().text();
+  };
+  Charuco low{8, 11, 0.03, 0.022, "4X4_100"}, high = low;  // 44 markers each
+  EXPECT_THAT(fault(low, high), HasSubstr("the markers 0 to 43"));
+  EXPECT_THAT(fault(low, high), HasSubstr("targets one and two"));
+  high.first_id = 40;
+  EXPECT_THAT(fault(low, high), HasSubstr("the markers 40 to 43 (ids 0 to 43 and 40 to 83 of 4X4)"));
+  EXPECT_THAT(fault(low, high), HasSubstr("first_id of its own, 44"));
+  high.first_id = 44;
+  EXPECT_EQ(fault(low, high), "");
+  // OpenCV's dictionaries of one size of marker begin with the same codes.
+  EXPECT_THAT(fault(low, Charuco{8, 11, 0.03, 0.022, "4X4_50"}), HasSubstr("the markers 0 to 43"));
+  EXPECT_EQ(fault(low, Charuco{8, 11, 0.03, 0.022, "5X5_50"}), "");
+  EXPECT_THAT(fault(AprilGrid{}, AprilGrid{}), HasSubstr("the markers 0 to 35"));
+  EXPECT_EQ(fault(AprilGrid{}, AprilGrid{6, 6, 0.088, 0.3, "36h11", 36}), "");
+  EXPECT_THAT(fault(AprilGrid{}, Charuco{8, 11, 0.03, 0.022, "APRILTAG_36h11"}), HasSubstr("0 to 35"));
+  EXPECT_THAT(fault(Chessboard{9, 6, 0.02}, Chessboard{6, 9, 0.03}), HasSubstr("chessboards of 9x6"));
+  EXPECT_EQ(fault(Chessboard{9, 6, 0.02}, Chessboard{8, 6, 0.02}), "");
+  EXPECT_EQ(fault(Chessboard{9, 6, 0.02}, Circles{9, 6, 0.02}), "");
+  BoardRig rig;
+  rig.parts = {{low, SE3()}};
+  EXPECT_THAT(fault(rig, low), HasSubstr("the markers 0 to 43"));
+}
+
 TEST(Target, RefusesWhatMakesNoSenseAndNamesIt) {
   const auto fault = [](const TargetSpec& spec) {
     const auto target = make_target(spec);

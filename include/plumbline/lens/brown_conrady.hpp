@@ -132,10 +132,7 @@ struct BrownConrady {
     px[1] = k[1] * yd + k[3];
   }
 
- private:
-  double at(int i) const { return i < N ? d[static_cast<std::size_t>(i < N ? i : 0)] : 0.0; }
-
-  // Whether the disc of squared radius s lies in the domain; false for NaN and infinity.
+  /// Whether the disc of squared radius s = x^2 + y^2 lies in the domain; false for NaN and infinity.
   bool in_domain(double s) const {
     const double k1 = d[0], k2 = d[1], k3 = at(4);
     double e = 6 * std::sqrt(s * (d[2] * d[2] + d[3] * d[3]));
@@ -159,6 +156,9 @@ struct BrownConrady {
                  s);
     }
   }
+
+ private:
+  double at(int i) const { return i < N ? d[static_cast<std::size_t>(i < N ? i : 0)] : 0.0; }
 };
 
 using OpenCV4 = BrownConrady<4>;

@@ -7,12 +7,14 @@
 
 #include "plumbline/lens/concept.hpp"
 #include "plumbline/lens/distorted.hpp"
+#include "plumbline/lens/sphere.hpp"
 
 /// Radial lenses with one parameter.
 namespace plumbline {
 
 /// The FOV model (Devernay & Faugeras 2001), Kalibr's pinhole-fov: r_d = atan(2 tan(w/2) r / Z) / w, here
-/// with atan2, so that it goes on beyond 90 degrees. Domain: 0 < w < pi, any angle below pi.
+/// with atan2, so that it goes on beyond 90 degrees. -w means the same as w, and w = 0 is the pinhole camera.
+/// Domain: |w| < pi, any angle below pi.
 struct FieldOfView {
   double fx = 1, fy = 1, cx = 0, cy = 0;  ///< [px]
   double w = 1;                           ///< [rad]
@@ -34,10 +36,11 @@ struct FieldOfView {
     using detail::select;
     using std::atan2;
     using std::sqrt;
-    const double t = 2 * std::tan(0.5 * w), t_w = 1 + 0.25 * t * t, iw = 1 / w;  // t_w = dt/dw
-    const V rr = X * X + Y * Y, r = sqrt(rr), angle = atan2(t * r, Z), hh = (t * t) * rr + Z * Z;
+    const double u = std::abs(w) < 1e-9 ? 1e-9 : w;  // there it has long become the pinhole camera
+    const double t = 2 * std::tan(0.5 * u), t_w = 1 + 0.25 * t * t, iw = 1 / u;  // t_w = dt/dw
+    const V rr = X * X + Y * Y, r = sqrt(rr), angle = atan2(std::abs(t) * r, Z), hh = (t * t) * rr + Z * Z;
     const auto on_axis = r < 1e-9 * Z;
-    const V inv_r = 1.0 / r, g = select(on_axis, (t * iw) / Z, iw * angle * inv_r);  // r_d / r
+    const V inv_r = 1.0 / r, g = select(on_axis, (t * iw) / Z, std::abs(iw) * angle * inv_r);  // r_d / r
     m[0] = X * g, m[1] = Y * g;
     if (J_m_p) {
       // d(angle)/dr = t Z / hh, d(angle)/dZ = -t r / hh
@@ -56,7 +59,7 @@ struct FieldOfView {
                               JacParams<FieldOfView>* J_px_k = nullptr) const {
     const double nn = p_cam.squaredNorm();
     if (!(nn > 0 && nn < std::numeric_limits<double>::infinity())) return std::nullopt;
-    if (!(w > 0) || !(w < std::numbers::pi)) return std::nullopt;
+    if (!(std::abs(w) < std::numbers::pi)) return std::nullopt;
     if (!(std::hypot(p_cam.x(), p_cam.y()) > 0) && p_cam.z() < 0) return std::nullopt;
     return detail::project_distorted(*this, p_cam, J_px_p, J_px_k);
   }
@@ -74,16 +77,17 @@ struct FieldOfView {
 };
 
 /// The division model (Fitzgibbon 2001): the ray of a distorted point is (x_d, y_d, 1 + lambda r_d^2). Solved
-/// for the distorted point: m = 2 (X, Y) / (Z + sqrt(Z^2 - 4 lambda (X^2 + Y^2))).
+/// for the distorted point: m = 2 (X, Y) / (Z + sqrt(Z^2 - 4 lambda (X^2 + Y^2))), which is eucm's map with
+/// alpha = 1/2 and beta = -4 lambda.
 ///
-/// Domain: lambda <= 0 (barrel): every direction but straight back; lambda > 0: Z > 0 and the square root's
-/// argument positive.
+/// Domain: lambda < 0 (barrel): every direction but straight back; lambda = 0: Z > 0; lambda > 0: Z > 0 and
+/// the square root more than Z / 10, where the image is stretched tenfold.
 struct Division {
   double fx = 1, fy = 1, cx = 0, cy = 0;  ///< [px]
   double lambda = 0;
 
   static constexpr std::string_view kName = "division";
-  static constexpr std::string_view kSummary = "one-parameter division model (Fitzgibbon)";
+  static constexpr std::string_view kSummary = "one-parameter division model (Fitzgibbon; COLMAP DIVISION)";
   static constexpr int kNumParams = 5;
   static constexpr std::array<std::string_view, 5> kParamNames{"fx", "fy", "cx", "cy", "lambda"};
   static constexpr bool kIsCentralPerspective = false;
@@ -94,29 +98,13 @@ struct Division {
 
   template <class V>
   void distort(const V& X, const V& Y, const V& Z, V* m, V* J_m_p, V* J_m_d) const {
-    using std::sqrt;
-    const V rr = X * X + Y * Y, root = sqrt(Z * Z - (4 * lambda) * rr), g = 2.0 / (Z + root);
-    m[0] = X * g, m[1] = Y * g;
-    const V ir = 1.0 / root;
-    if (J_m_p) {
-      // d(Z + root) = (1 + Z/root) dZ - 4 lambda (X dX + Y dY) / root, and dg = -g^2/2 of that
-      const V h = 0.5 * g * ir, s = (-4 * lambda) * h, z = (root + Z) * h;
-      J_m_p[0] = g - m[0] * (X * s), J_m_p[1] = -(m[0] * (Y * s)), J_m_p[2] = -(m[0] * z);
-      J_m_p[3] = -(m[1] * (X * s)), J_m_p[4] = g - m[1] * (Y * s), J_m_p[5] = -(m[1] * z);
-    }
-    if (J_m_d) {
-      const V by_lambda = rr * ir * g;
-      J_m_d[0] = m[0] * by_lambda, J_m_d[1] = m[1] * by_lambda;
-    }
+    detail::distort_by_ellipsoid(0.5, -4 * lambda, X, Y, Z, m, J_m_p, static_cast<V*>(nullptr), J_m_d);
+    if (J_m_d) J_m_d[0] = -4.0 * J_m_d[0], J_m_d[1] = -4.0 * J_m_d[1];
   }
 
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr,
                               JacParams<Division>* J_px_k = nullptr) const {
-    const double nn = p_cam.squaredNorm(), rr = p_cam.head<2>().squaredNorm();
-    if (!(nn > 0 && nn < std::numeric_limits<double>::infinity())) return std::nullopt;
-    const double under = p_cam.z() * p_cam.z() - 4 * lambda * rr;
-    if (!(under > 0) || !(p_cam.z() + std::sqrt(under) > 0) || (lambda > 0 && !(p_cam.z() > 0)))
-      return std::nullopt;
+    if (!detail::sees_by_ellipsoid(0.5, -4 * lambda, p_cam)) return std::nullopt;
     return detail::project_distorted(*this, p_cam, J_px_p, J_px_k);
   }
 

@@ -24,6 +24,13 @@ enum class Estimate {
          ///< all that are tried; stats.effects tells of each
 };
 
+/// What is known of a parameter from elsewhere: ((parameter - value) / sigma)^2 is added to the cost, in
+/// which the corners weigh by their own scatter.
+struct Prior {
+  std::string parameter;
+  double value = 0, sigma = 0;  ///< in the parameter's unit: pixels, none, radians or metres
+};
+
 struct RefineOptions {
   std::vector<std::string> lenses{"opencv5"};  ///< one for all cameras, or one per camera in order
   Start start = Start::kAuto;  ///< kAuto: DLT where a camera has a view with enough non-coplanar points,
@@ -32,10 +39,17 @@ struct RefineOptions {
   double loss_scale_px = 1.0;  ///< where Huber and Cauchy bend [px]; in sigmas with use_sigma
   bool mark_outliers = true;   ///< corners beyond outlier_sigma robust standard deviations are left out
   double outlier_sigma = 5.0;
-  /// Shared parameters held at their start value, by the names of shared_parameter_names() or without the
-  /// camera
-  /// ("k3" holds it in every camera): "left fx", "cx", "right t_x".
+  /// Shared parameters that do not move: "left fx" stays at its start value, "left fx=532.8" at that one. A
+  /// name is one of shared_parameter_names() ("left.fx" is the same as "left fx"), or such a name without the
+  /// camera, which means every camera ("k3"), or a group: "lens", "K" (fx fy cx cy), "pose", "rig" (where the
+  /// cameras stand), "left" (its lens), "left.K", "left.pose".
   std::vector<std::string> fixed;
+  /// Parameters that share one value: "fx=fy" in each camera, "left fx=right fx", "left=right" (all of the
+  /// two lenses). Rotations cannot be tied.
+  std::vector<std::string> ties;
+  std::vector<Prior> priors;
+  /// Cameras to solve for: the lenses and poses of all others are held. Empty: all. Board poses always move.
+  std::vector<std::string> only;
   bool use_sigma = false;  ///< weight each corner by 1 / sigma_px
   int max_iterations = 200;
   Solver solver = Solver::kBlocks;
@@ -47,9 +61,12 @@ struct RefineOptions {
 };
 
 /// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics
-/// and board poses, outlier marking, covariance. Failures: kDegenerate when there are too few views, or views
-/// that do not constrain a lens (all fronto-parallel), or cameras that never see the board together (names
-/// the pair); kInvalidData for a bad data set; kNotConverged when no start leads to a finite optimum.
+/// and board poses, outlier marking, covariance. Cameras are joined by frames in which they see the same
+/// board, by any chain of cameras and boards, or where there is none by their common motion before boards of
+/// their own (docs/refine.md). Failures: kDegenerate when there are too few views, or views that do not
+/// constrain a lens (all fronto-parallel), or cameras that nothing connects (names the groups, the frames
+/// that nearly do, and what to photograph); kInvalidData for a bad data set; kNotConverged when no start
+/// leads to a finite optimum.
 Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options);
 
 /// Refines from a given start (rig and board poses already set; frames without a pose are not used). Marks of

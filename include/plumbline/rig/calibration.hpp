@@ -34,6 +34,13 @@ struct EffectTry {
   std::string reason = {};  ///< why it could not be tried; empty where it was
 };
 
+/// A prior and what the corners made of it.
+struct PriorPull {
+  std::string parameter;  ///< of shared_parameter_names()
+  double value = 0, sigma = 0;
+  double pull_sigmas = 0;  ///< (estimate - value) / sigma: far from 0 the corners contradict it
+};
+
 struct SolveStats {
   double rms_px = 0;     ///< root of the mean over inlier corners of dx^2 + dy^2 (as OpenCV reports it)
   double rms_xy_px = 0;  ///< rms_px / sqrt(2) (as mrcal reports it)
@@ -43,6 +50,7 @@ struct SolveStats {
   bool converged = false;
   std::string termination;  ///< why the solver stopped, one line
   std::vector<WeakDirection> weak;
+  std::vector<PriorPull> priors;
   std::vector<EffectTry> effects = {};
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <cmath>
 #include <map>
 
 #include "io/dataset_yaml.hpp"
@@ -26,6 +27,11 @@ std::optional<Model> model_of(const Lens& lens) {
     const auto all = params(lens);
     return Model{"OPENCV_FISHEYE", {all.begin() + 4, all.end()}};
   }
+  const std::span<const double> rest = params(lens).subspan(4);
+  if (lens_name(lens) == FieldOfView::kName) return Model{"FOV", {std::abs(rest[0])}};
+  if (lens_name(lens) == Division::kName) return Model{"DIVISION", {rest[0]}};
+  if (lens_name(lens) == UnifiedCamera::kName) return Model{"EUCM", {rest[0], 1}};
+  if (lens_name(lens) == EnhancedUnifiedCamera::kName) return Model{"EUCM", {rest[0], rest[1]}};
   if (auto d = brown_coefficients(lens, 4)) return Model{"OPENCV", *d};
   if (auto d = brown_coefficients(lens, 8)) return Model{"FULL_OPENCV", *d};
   return std::nullopt;
@@ -60,6 +66,12 @@ const std::map<std::string_view, Layout>& layouts() {
       {"OPENCV_FISHEYE", {"kb4", 8, {0, 1, 2, 3, 4, 5, 6, 7}}},
       {"SIMPLE_RADIAL_FISHEYE", {"kb4", 4, {0, 0, 1, 2, 3, -1, -1, -1}}},
       {"RADIAL_FISHEYE", {"kb4", 5, {0, 0, 1, 2, 3, 4, -1, -1}}},
+      {"SIMPLE_FISHEYE", {"kb4", 3, {0, 0, 1, 2, -1, -1, -1, -1}}},
+      {"FISHEYE", {"kb4", 4, {0, 1, 2, 3, -1, -1, -1, -1}}},
+      {"FOV", {"fov", 5, {0, 1, 2, 3, 4}}},
+      {"SIMPLE_DIVISION", {"division", 4, {0, 0, 1, 2, 3}}},
+      {"DIVISION", {"division", 5, {0, 1, 2, 3, 4}}},
+      {"EUCM", {"eucm", 6, {0, 1, 2, 3, 4, 5}}},
   };
   return all;
 }
@@ -97,6 +109,10 @@ Result<Camera> read_camera(const Words& words) {
   if (name == "opencv8" && values[9] == 0 && values[10] == 0 && values[11] == 0) {  // an opencv5, filled up
     name = "opencv5";
     values.resize(9);
+  }
+  if (name == "eucm" && values[5] == 1) {  // a ucm
+    name = "ucm";
+    values.resize(5);
   }
   auto lens = make_lens(name, values);
   if (!lens) return lens.error();
@@ -152,7 +168,7 @@ bool recognises(std::string_view bytes) {
 }  // namespace
 
 const Format kColmapFormat{"colmap",      "COLMAP cameras.txt (without poses)",
-                           "cameras.txt", "pinhole opencv4 opencv5 opencv8 kb4",
+                           "cameras.txt", "pinhole opencv4 opencv5 opencv8 kb4 ucm eucm fov division",
                            false,         write,
                            read,          recognises};
 

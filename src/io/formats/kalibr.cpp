@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <cmath>
+
 #include "io/formats/common.hpp"
 #include "plumbline/core/text.hpp"
 
 /// Kalibr's camchain.yaml: cam0, cam1, ...; T_cn_cnm1 maps the camera before to this one, T_cam_imu (of the
-/// IMU tool) the IMU to the camera. pinhole-radtan is opencv4, pinhole-equidistant is kb4, pinhole-none has
-/// no distortion.
+/// IMU tool) the IMU to the camera. camera_model-distortion_model: pinhole-radtan is opencv4,
+/// pinhole-equidistant is kb4, pinhole-fov is fov, pinhole-none has no distortion; omni-none is ucm in Mei's
+/// parameters, omni-radtan is mei; eucm-none and ds-none are eucm and ds. The parameters of omni, eucm and ds
+/// stand before the focal lengths.
 namespace plumbline::io {
 namespace {
 
@@ -18,18 +22,35 @@ std::string pose_text(std::string_view key, const SE3& T) {
   return out;
 }
 
-struct Distortion {
-  std::string_view model;
-  std::vector<double> d;
+/// A lens in Kalibr's words.
+struct Model {
+  std::string_view camera, distortion;
+  std::vector<double> intrinsics, d;
 };
 
-std::optional<Distortion> distortion_of(const Lens& lens) {
-  if (lens_name(lens) == Pinhole::kName) return Distortion{"none", {}};
-  if (lens_name(lens) == KannalaBrandt4::kName) {
-    const auto all = params(lens);
-    return Distortion{"equidistant", {all.begin() + 4, all.end()}};
+std::vector<double> joined(std::vector<double> a, std::span<const double> b) {
+  a.insert(a.end(), b.begin(), b.end());
+  return a;
+}
+
+std::optional<Model> model_of(const Lens& lens) {
+  const std::string_view name = lens_name(lens);
+  const std::span<const double> all = params(lens), k4 = all.first(4), rest = all.subspan(4);
+  const std::vector<double> f_c(k4.begin(), k4.end()), d(rest.begin(), rest.end());
+  if (name == Pinhole::kName) return Model{"pinhole", "none", f_c, {}};
+  if (name == KannalaBrandt4::kName) return Model{"pinhole", "equidistant", f_c, d};
+  if (name == FieldOfView::kName) return Model{"pinhole", "fov", f_c, {std::abs(d[0])}};
+  if (name == Mei::kName) return Model{"omni", "radtan", joined({d[0]}, k4), {d.begin() + 1, d.end()}};
+  // Kalibr keeps to an alpha of 0 to 1.
+  const auto unit = [](double alpha) { return alpha >= 0 && alpha <= 1; };
+  if (name == UnifiedCamera::kName && unit(d[0]) && d[0] < 1) {
+    const double xi = d[0] / (1 - d[0]);
+    return Model{"omni", "none", {xi, f_c[0] * (1 + xi), f_c[1] * (1 + xi), f_c[2], f_c[3]}, {}};
   }
-  if (auto d = brown_coefficients(lens, 4)) return Distortion{"radtan", *d};
+  if (name == EnhancedUnifiedCamera::kName && unit(d[0]) && d[1] > 0)
+    return Model{"eucm", "none", joined(d, k4), {}};
+  if (name == DoubleSphere::kName && unit(d[1])) return Model{"ds", "none", joined(d, k4), {}};
+  if (auto brown = brown_coefficients(lens, 4)) return Model{"pinhole", "radtan", f_c, *brown};
   return std::nullopt;
 }
 
@@ -38,16 +59,17 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
   const auto stems = file_stems(rig);
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
     const Camera& camera = rig.cameras[i];
-    const auto distortion = distortion_of(camera.lens);
-    if (!distortion) return unsupported_lens(kKalibrFormat, camera);
+    const auto model = model_of(camera.lens);
+    if (!model) return unsupported_lens(kKalibrFormat, camera);
     std::vector<std::string> others;
     for (std::size_t j = 0; j < rig.cameras.size(); ++j) {
       if (j != i) others.push_back(std::to_string(j));
     }
-    out += fmt::format("cam{}:\n  cam_overlaps: [{}]\n  camera_model: pinhole\n", i, join(others, ", "));
-    out += fmt::format("  distortion_coeffs: {}\n  distortion_model: {}\n", yaml_numbers(distortion->d),
-                       distortion->model);
-    out += fmt::format("  intrinsics: {}\n", yaml_numbers(params(camera.lens).data(), 4));
+    out += fmt::format("cam{}:\n  cam_overlaps: [{}]\n  camera_model: {}\n", i, join(others, ", "),
+                       model->camera);
+    out += fmt::format("  distortion_coeffs: {}\n  distortion_model: {}\n", yaml_numbers(model->d),
+                       model->distortion);
+    out += fmt::format("  intrinsics: {}\n", yaml_numbers(model->intrinsics));
     out += fmt::format("  resolution: [{}, {}]\n", camera.size.width, camera.size.height);
     out += fmt::format("  rostopic: {}\n", yaml_text("/" + stems[i] + "/image_raw"));
     if (i > 0)
@@ -57,25 +79,44 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
   return std::vector<NamedBytes>{{"camchain.yaml", out}};
 }
 
+[[noreturn]] void fail_unknown(const Field& field, std::string_view what, const std::string& name,
+                               std::string_view known) {
+  field.fail(fmt::format("{} '{}' is not among our lenses; known are: {}", what, name.substr(0, 40), known),
+             ErrorCode::kUnsupported);
+}
+
 Lens read_lens(const Field& cam) {
-  const std::string model = cam.at("camera_model").text();
-  if (model != "pinhole") {
-    cam.at("camera_model")
-        .fail(
-            fmt::format("camera model '{}' is not among our lenses; known is: pinhole", model.substr(0, 40)),
-            ErrorCode::kUnsupported);
-  }
+  const std::string model = cam.at("camera_model").text(), distortion = cam.at("distortion_model").text();
   const Field intrinsics = cam.at("intrinsics");
-  const std::vector<double> k4 = intrinsics.numbers(4);
-  const std::string distortion = cam.at("distortion_model").text();
+  // Where fu fv pu pv stand in the list, after the model's own numbers.
+  const int n_before = model == "pinhole"                 ? 0
+                       : model == "omni"                  ? 1
+                       : model == "eucm" || model == "ds" ? 2
+                                                          : -1;
+  if (n_before < 0) fail_unknown(cam.at("camera_model"), "camera model", model, "pinhole, omni, eucm, ds");
+  std::vector<double> own = intrinsics.numbers(n_before + 4);
+  std::vector<double> k4(own.begin() + n_before, own.end());
+  own.resize(static_cast<std::size_t>(n_before));
   const auto coefficients = [&](int n) { return cam.at("distortion_coeffs").numbers(n); };
-  if (distortion == "none") return lens_of(intrinsics, "pinhole", k4, {});
-  if (distortion == "radtan") return lens_of(cam.at("distortion_coeffs"), "opencv4", k4, coefficients(4));
-  if (distortion == "equidistant") return lens_of(cam.at("distortion_coeffs"), "kb4", k4, coefficients(4));
-  cam.at("distortion_model")
-      .fail(fmt::format("distortion model '{}' is not among our lenses; known are: radtan, equidistant, none",
-                        distortion.substr(0, 40)),
-            ErrorCode::kUnsupported);
+  if (model == "pinhole") {
+    if (distortion == "none") return lens_of(intrinsics, "pinhole", k4, {});
+    const Field field = cam.at("distortion_coeffs");
+    if (distortion == "radtan") return lens_of(field, "opencv4", k4, coefficients(4));
+    if (distortion == "equidistant") return lens_of(field, "kb4", k4, coefficients(4));
+    if (distortion == "fov") return lens_of(field, "fov", k4, coefficients(1));
+    fail_unknown(cam.at("distortion_model"), "distortion model", distortion,
+                 "radtan, equidistant, fov, none");
+  }
+  if (model == "omni" && distortion == "radtan")
+    return lens_of(intrinsics, "mei", k4, joined(own, coefficients(4)));
+  if (distortion != "none") {
+    fail_unknown(cam.at("distortion_model"), "distortion model", model + "-" + distortion,
+                 "omni-radtan, omni-none, eucm-none, ds-none");
+  }
+  if (model != "omni") return lens_of(intrinsics, model, k4, own);
+  if (!(own[0] > -1)) intrinsics.fail(fmt::format("xi = {}: more than -1 is needed", own[0]));
+  k4[0] /= 1 + own[0], k4[1] /= 1 + own[0];
+  return lens_of(intrinsics, "ucm", k4, {own[0] / (1 + own[0])});
 }
 
 /// "left" of "/camera/left/image_raw": the word before the last; nothing where there is none.
@@ -137,7 +178,8 @@ bool recognises(std::string_view bytes) {
 
 }  // namespace
 
-const Format kKalibrFormat{"kalibr", "Kalibr camchain", "camchain.yaml", "pinhole opencv4 kb4", true, write,
-                           read,     recognises};
+const Format kKalibrFormat{
+    "kalibr", "Kalibr camchain", "camchain.yaml", "pinhole opencv4 kb4 ucm mei eucm ds fov", true, write,
+    read,     recognises};
 
 }  // namespace plumbline::io

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <map>
+#include <utility>
+
 #include "io/formats/common.hpp"
 #include "io/formats/python_literal.hpp"
+#include "plumbline/core/text.hpp"
 #include "plumbline/geometry/so3.hpp"
 
 /// mrcal's .cameramodel: a Python dict literal, one file per camera. Releases up to 2.4 need the key
@@ -11,8 +15,14 @@
 namespace plumbline::io {
 namespace {
 
-std::optional<std::string_view> lensmodel_of(const Lens& lens) {
+constexpr std::string_view kSplined = "LENSMODEL_SPLINED_STEREOGRAPHIC_";
+
+std::optional<std::string> lensmodel_of(const Lens& lens) {
   const std::string_view name = lens_name(lens);
+  if (const auto* splined = std::get_if<Splined>(&lens)) {
+    return fmt::format("{}order={}_Nx={}_Ny={}_fov_x_deg={}", kSplined, splined->order, splined->n_x,
+                       splined->n_y, splined->fov_x_deg);
+  }
   if (name == "pinhole") return "LENSMODEL_PINHOLE";
   if (name == "opencv4") return "LENSMODEL_OPENCV4";
   if (name == "opencv5") return "LENSMODEL_OPENCV5";
@@ -45,6 +55,25 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
   return files;
 }
 
+/// "splined:30x20:170" of "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=170", in any order.
+std::string splined_spec(const Field& field, const std::string& model) {
+  std::map<std::string, std::string> options;
+  std::string key;
+  for (const std::string& piece : split(std::string_view(model).substr(kSplined.size()), '_')) {
+    key += key.empty() ? "" : "_";  // fov_x_deg has the separator in its name
+    const std::size_t equals = piece.find('=');
+    key += piece.substr(0, equals);
+    if (equals == std::string::npos) continue;
+    options[std::exchange(key, "")] = piece.substr(equals + 1);
+  }
+  const auto at = [&](const char* name) {
+    const auto it = options.find(name);
+    if (it == options.end()) field.fail(fmt::format("'{}' has no {}=", model.substr(0, 100), name));
+    return it->second;
+  };
+  return fmt::format("splined:{}x{}:{}:{}", at("Nx"), at("Ny"), at("fov_x_deg"), at("order"));
+}
+
 /// A camera and its pose against mrcal's reference.
 struct Model {
   Camera camera;
@@ -60,14 +89,21 @@ Lens read_lens(const Field& root) {
     model = model == "DISTORTION_NONE" ? "LENSMODEL_PINHOLE" : "LENSMODEL" + model.substr(10);
   const Field intrinsics = root.at("intrinsics");
   const std::vector<double> values = intrinsics.numbers();
+  if (model.starts_with(kSplined)) {
+    const std::string spec = splined_spec(field, model);
+    value_or_throw(make_lens(spec, ImageSize{1, 1}, 1.0), field);
+    return value_or_throw(make_lens(spec, values), intrinsics);
+  }
   for (std::string_view name : lens_names()) {
     const Lens lens = value_or_throw(make_lens(name, ImageSize{1, 1}, 1.0), field);
     if (lensmodel_of(lens) == model) return value_or_throw(make_lens(name, values), intrinsics);
   }
-  field.fail(fmt::format("lens model '{}' is not among our lenses (LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5, "
-                         "8, 12); mrcal-convert-lensmodel can fit one of those to it",
-                         model.substr(0, 60)),
-             ErrorCode::kUnsupported);
+  field.fail(
+      fmt::format(
+          "lens model '{}' is not among our lenses (LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5, "
+          "8, 12, LENSMODEL_SPLINED_STEREOGRAPHIC_...); mrcal-convert-lensmodel can fit one of those to it",
+          model.substr(0, 60)),
+      ErrorCode::kUnsupported);
 }
 
 Result<Model> read_model(const Field& root, const std::string& file) {
@@ -108,7 +144,7 @@ bool recognises(std::string_view bytes) {
 const Format kMrcalFormat{"mrcal",
                           "mrcal camera models",
                           "CAMERA.cameramodel for each camera",
-                          "pinhole opencv4 opencv5 opencv8 opencv12",
+                          "pinhole opencv4 opencv5 opencv8 opencv12 splined",
                           true,
                           write,
                           read,

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "calibrate_start.hpp"
+
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+
+#include "plumbline/core/text.hpp"
+#include "plumbline/io/formats.hpp"
+#include "plumbline/refine/start.hpp"
+#include "plumbline/rig/add_views.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+bool is_method(const std::string& start) { return start == "auto" || start == "zhang" || start == "dlt"; }
+
+bool from_files(const CalibrateStart& s) { return !s.start.empty() && !is_method(s.start.front()); }
+
+bool has_inputs(const CalibrateInputs& in) { return !in.corners.empty() || !in.cams.empty(); }
+
+// NAME=VALUE+-SIGMA.
+Prior parse_prior(const std::string& text) {
+  const std::size_t equals = text.find('='), sign = text.find("+-");
+  if (equals != std::string::npos && sign != std::string::npos && equals < sign) {
+    const auto value = parse_double(trim(text.substr(equals + 1, sign - equals - 1)));
+    const auto sigma = parse_double(trim(text.substr(sign + 2)));
+    if (value && sigma) return {std::string(trim(text.substr(0, equals))), *value, *sigma};
+  }
+  usage_error(fmt::format("--prior {}: it is NAME=VALUE+-SIGMA, such as left.fx=532+-2", text));
+}
+
+Result<std::vector<std::string>> lenses_for(const std::string& lens, const std::vector<CameraInfo>& cameras) {
+  if (lens.empty()) return std::vector<std::string>{};
+  return parse_lenses(lens, cameras);
+}
+
+Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
+                             const Common& common) {
+  auto earlier = load_calibration(s.earlier);
+  if (!earlier) return earlier.error();
+  if (earlier->data.views.empty())
+    return Error{ErrorCode::kInvalidData,
+                 "the file holds cameras and no corners; give images or corners, and the file as --start",
+                 s.earlier};
+  if (s.add) {
+    CalibrateInputs with_target = inputs;
+    with_target.known_targets = earlier->data.targets;
+    auto more = load_observations(with_target, common);
+    if (!more) return more.error();
+    auto added = add_views(*earlier, *more, s.replace);
+    if (!added) return added.error();
+    earlier = *std::move(added);
+  }
+  const auto lenses = lenses_for(lens, earlier->data.cameras);
+  if (!lenses) return lenses.error();
+  StartFrom from{.lenses = *lenses,
+                 .T_rig_board = earlier->T_rig_board,
+                 .T_board0_board = earlier->T_board0_board,
+                 .n_threads = common.n_threads};
+  auto start = start_from(earlier->data, earlier->rig, from);
+  if (!start) return start.error();
+  start->bow_m = earlier->bow_m;
+  start->clocks = earlier->clocks;
+  return Problem{start->data, *start};
+}
+
+}  // namespace
+
+void add_start_options(CLI::App& app, CalibrateStart& s) {
+  app.add_option("earlier", s.earlier,
+                 "an earlier calibration.yaml to go on from: its corners are solved again, starting from its "
+                 "cameras");
+  app.add_flag("--add", s.add, "add the given images or corners to those of the earlier calibration");
+  app.add_flag("--replace", s.replace,
+               "with --add: images that are there already take the place of the old ones");
+  app.add_option(
+         "--start", s.start,
+         "first estimate: auto, zhang (flat boards), dlt (points that are not coplanar), or camera files "
+         "of any known format, whose lenses and places are the start")
+      ->allow_extra_args(false);
+  const auto list = [&](const char* name, std::vector<std::string>& values, const char* help) {
+    app.add_option(name, values, help)->delimiter(',')->allow_extra_args(false);
+  };
+  list("--fix", s.fixed,
+       "hold parameters: k3 (every camera), left.fx, left.fx=532.8 (at that value), or a group: lens, K (fx "
+       "fy cx "
+       "cy), pose, rig (all places), left (its lens), left.K, left.pose; several separated by commas");
+  list("--tie", s.ties,
+       "parameters with one value: fx=fy (in each camera), left.fx=right.fx, left=right (lenses)");
+  list("--prior", s.priors, "a value known from elsewhere, weighed by its sigma: left.fx=532+-2");
+  list("--only", s.only, "solve for these cameras and hold lens and place of all others");
+}
+
+void check_usage(const CalibrateStart& s, const CalibrateInputs& inputs) {
+  if (s.add && s.earlier.empty()) usage_error("--add needs the earlier calibration.yaml that is added to");
+  if (s.replace && !s.add) usage_error("--replace goes with --add");
+  for (const std::string& start : s.start) {
+    if (is_method(start) && s.start.size() > 1) usage_error("--start is a method or camera files, not both");
+    if (!is_method(start) && !std::filesystem::exists(start))
+      usage_error(fmt::format("--start {}: neither auto, zhang or dlt nor a file", start));
+  }
+  if (s.earlier.empty()) {
+    check_usage(inputs);
+    return;
+  }
+  if (!s.start.empty()) usage_error("an earlier calibration is the start itself; leave --start away");
+  if (s.add && !has_inputs(inputs)) usage_error("--add needs --cam or --corners: what is to be added");
+  if (!s.add && (has_inputs(inputs) || !inputs.targets.empty()))
+    usage_error(
+        "an earlier calibration and new images: --add joins them; to solve the new ones alone, give the "
+        "earlier "
+        "file as --start");
+}
+
+Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
+                             const Common& common) {
+  if (!s.earlier.empty()) return from_earlier(s, inputs, lens, common);
+  auto data = load_observations(inputs, common);
+  if (!data) return data.error();
+  if (!from_files(s)) return Problem{*std::move(data), std::nullopt};
+  auto rig = load_rig(s.start);
+  if (!rig) return rig.error();
+  const auto lenses = lenses_for(lens, data->cameras);
+  if (!lenses) return lenses.error();
+  auto start = start_from(*data, *rig,
+                          {.lenses = *lenses,
+                           .places_known = poses_known(*rig),
+                           .T_rig_board = {},
+                           .T_board0_board = {},
+                           .n_threads = common.n_threads});
+  if (!start) return start.error();
+  return Problem{*std::move(data), *std::move(start)};
+}
+
+void fill_options(const CalibrateStart& s, RefineOptions& options) {
+  if (!s.start.empty()) {
+    options.start = s.start.front() == "zhang" ? Start::kZhang
+                    : s.start.front() == "dlt" ? Start::kDlt
+                                               : Start::kAuto;
+  }
+  options.fixed = s.fixed;
+  options.ties = s.ties;
+  options.only = s.only;
+  for (const std::string& text : s.priors) options.priors.push_back(parse_prior(text));
+}
+
+}  // namespace plumbline::apps

@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "refine/constraints.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "plumbline/core/text.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+Error bad(std::string message, std::string where) {
+  return {ErrorCode::kInvalidData, std::move(message), std::move(where)};
+}
+
+// "left fx" in its two halves. Owners' names may hold spaces, parameters' do not.
+struct Name {
+  std::string owner, parameter;
+};
+Name halves(const std::string& name) {
+  const std::size_t at = name.rfind(' ');
+  return {name.substr(0, at), name.substr(at + 1)};
+}
+
+bool is_step(const std::string& parameter) { return parameter.size() == 3 && parameter[1] == '_'; }
+bool is_turn(const std::string& parameter) { return is_step(parameter) && parameter[0] == 'r'; }
+bool is_focal(const std::string& parameter) { return parameter == "fx" || parameter == "fy"; }
+bool is_matrix(const std::string& parameter) {
+  return is_focal(parameter) || parameter == "cx" || parameter == "cy";
+}
+
+// Every name that an option may say, with what it stands for.
+class Names {
+ public:
+  explicit Names(const Calibration& cal) : all_(shared_parameter_names(cal)) {
+    for (const std::string& name : all_) halves_.push_back(halves(name));
+    for (const Camera& camera : cal.rig.cameras) cameras_.push_back(camera.name);
+  }
+  const std::string& operator[](int i) const { return all_[static_cast<std::size_t>(i)]; }
+  const std::string& parameter(int i) const { return halves_[static_cast<std::size_t>(i)].parameter; }
+  int size() const { return static_cast<int>(all_.size()); }
+
+  Result<std::vector<int>> find(const std::string& wanted, const std::string& where) const {
+    // The full name, a parameter of all cameras, a group of all, a camera's lens, a group of one camera.
+    auto found = where_is([&](const Name& name, const std::string& all) {
+      return all == wanted || name.owner + "." + name.parameter == wanted;
+    });
+    if (found.empty())
+      found = where_is([&](const Name& name, const auto&) { return name.parameter == wanted; });
+    if (found.empty())
+      found = where_is([&](const Name& name, const auto&) { return in_group(name, wanted); });
+    if (found.empty())
+      found = where_is(
+          [&](const Name& name, const auto&) { return name.owner == wanted && !is_step(name.parameter); });
+    if (found.empty()) {
+      const std::size_t cut = wanted.find_last_of(". ");
+      if (cut != std::string::npos) {
+        const std::string owner = wanted.substr(0, cut), group = wanted.substr(cut + 1);
+        found = where_is([&](const Name& name, const auto&) {
+          return name.owner == owner && group != "rig" && in_group(name, group);
+        });
+      }
+    }
+    if (!found.empty()) return found;
+    // A spline's parameters are too many for a message.
+    const bool many = all_.size() > 200;
+    const std::vector<std::string> some(
+        all_.begin(), all_.begin() + static_cast<long>(std::min<std::size_t>(all_.size(), 200)));
+    return bad("no shared parameter has this name; there are: " + join(some, ", ") + (many ? ", ..." : "") +
+                   "; without the camera a name means all cameras; groups: lens, K, pose, rig, CAMERA, "
+                   "CAMERA.K, CAMERA.pose",
+               where);
+  }
+
+ private:
+  template <class Wanted>
+  std::vector<int> where_is(Wanted&& wanted) const {
+    std::vector<int> list;
+    for (int i = 0; i < size(); ++i) {
+      if (wanted(halves_[static_cast<std::size_t>(i)], all_[static_cast<std::size_t>(i)])) list.push_back(i);
+    }
+    return list;
+  }
+  bool in_group(const Name& name, const std::string& group) const {
+    const bool step = is_step(name.parameter);
+    if (group == "lens") return !step;
+    if (group == "K") return is_matrix(name.parameter);
+    if (group == "pose") return step;
+    return group == "rig" && step &&
+           std::find(cameras_.begin(), cameras_.end(), name.owner) != cameras_.end();
+  }
+  std::vector<std::string> all_, cameras_;
+  std::vector<Name> halves_;
+};
+
+std::optional<Error> check_value(const Names& names, int i, double value, const std::string& where) {
+  if (!is_focal(names.parameter(i)) || value > 0) return std::nullopt;
+  return bad(fmt::format("{} is not a focal length; it must be positive", value), where);
+}
+
+Status add_fixed(Constraints& c, const Names& names, const std::string& text) {
+  const std::string where = "fixed parameter '" + text + "'";
+  const std::size_t equals = text.find('=');
+  const auto which = names.find(std::string(trim(text.substr(0, equals))), where);
+  if (!which) return which.error();
+  std::optional<double> value;
+  if (equals != std::string::npos) {
+    value = parse_double(trim(text.substr(equals + 1)));
+    if (!value) return bad("what follows '=' is not a number", where);
+  }
+  for (int i : *which) {
+    c.held[static_cast<std::size_t>(i)] = true;
+    if (!value) continue;
+    if (auto error = check_value(names, i, *value, where)) return *error;
+    for (const auto& [other, given] : c.values) {
+      if (other == i && given != *value)
+        return bad(fmt::format("{} is to be {} and {}", names[i], given, *value), where);
+    }
+    c.values.emplace_back(i, *value);
+  }
+  return {};
+}
+
+Status add_tie(Constraints& c, const Names& names, const std::string& text) {
+  const std::string where = "tie '" + text + "'";
+  const auto sides = split(text, '=');
+  if (sides.size() != 2) return bad("a tie is NAME=NAME, such as fx=fy", where);
+  const auto a = names.find(std::string(trim(sides[0])), where);
+  if (!a) return a.error();
+  const auto b = names.find(std::string(trim(sides[1])), where);
+  if (!b) return b.error();
+  if (a->size() != b->size())
+    return bad(fmt::format("{} parameters on the left, {} on the right; they are tied one by one", a->size(),
+                           b->size()),
+               where);
+  for (std::size_t k = 0; k < a->size(); ++k) {
+    const int i = (*a)[k], j = (*b)[k];
+    if (i == j) return bad("it ties " + names[i] + " to itself", where);
+    if (is_step(names.parameter(i)) != is_step(names.parameter(j)))
+      return bad("a lens' parameter cannot be tied to a pose's", where);
+    if (is_turn(names.parameter(i)) || is_turn(names.parameter(j)))
+      return bad("rotations cannot be tied, they do not add; hold them with fixed", where);
+    const int keep = std::min(c.tied_to[i], c.tied_to[j]), go = std::max(c.tied_to[i], c.tied_to[j]);
+    std::replace(c.tied_to.begin(), c.tied_to.end(), go, keep);
+  }
+  return {};
+}
+
+Status add_prior(Constraints& c, const Names& names, const Prior& prior) {
+  const std::string where = "prior of '" + prior.parameter + "'";
+  const auto which = names.find(prior.parameter, where);
+  if (!which) return which.error();
+  if (!std::isfinite(prior.value) || !std::isfinite(prior.sigma) || !(prior.sigma > 0))
+    return bad(fmt::format("{} +- {}: a prior needs a value and a sigma above 0", prior.value, prior.sigma),
+               where);
+  for (int i : *which) {
+    if (auto error = check_value(names, i, prior.value, where)) return *error;
+    c.priors.push_back({i, prior.value, prior.sigma});
+  }
+  return {};
+}
+
+// All that is tied to something held is held as well; held values of one group must agree.
+Status spread_holds(Constraints& c, const Names& names) {
+  const int n = names.size();
+  for (int i = 0; i < n; ++i) {
+    if (!c.held[i]) continue;
+    for (int j = 0; j < n; ++j) {
+      if (c.tied_to[j] == c.tied_to[i]) c.held[j] = true;
+    }
+  }
+  for (const auto& [i, value] : c.values) {
+    for (const auto& [j, other] : c.values) {
+      if (c.tied_to[i] == c.tied_to[j] && value != other)
+        return bad(
+            fmt::format("{} is tied to {}, but they are to be {} and {}", names[i], names[j], value, other),
+            "options");
+    }
+  }
+  return {};
+}
+
+// Everything that does not belong to these cameras. The rig's frame is that of the first camera, whose pose
+// is none of the parameters: what can move is where the others stand.
+Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std::string>& only) {
+  if (only.empty()) return {};
+  std::vector<bool> wanted(cal.rig.cameras.size(), false);
+  for (const std::string& name : only) {
+    const auto cam = cal.rig.find(name);
+    if (!cam) {
+      std::vector<std::string> there;
+      for (const Camera& camera : cal.rig.cameras) there.push_back(camera.name);
+      return bad("there is no such camera; there are: " + join(there, ", "), "only '" + name + "'");
+    }
+    wanted[*cam] = true;
+  }
+  const auto n_held = std::count(wanted.begin(), wanted.end(), false);
+  if (wanted[0] && n_held > 1)
+    return bad(
+        fmt::format("camera {0} carries the rig's frame, so that with it all other cameras would move; "
+                    "solve for all cameras but one, or make another camera the first",
+                    cal.rig.cameras[0].name),
+        "only '" + cal.rig.cameras[0].name + "'");
+  const Offsets offsets = offsets_of(cal);
+  for (std::size_t cam = 0; cam < wanted.size(); ++cam) {
+    if (wanted[cam]) continue;
+    const int n = n_params(cal.rig.cameras[cam].lens);
+    for (int i = 0; i < n; ++i) c.held[offsets.lens[cam] + i] = true;
+    // Of two cameras only the pose of one relative to the other exists.
+    for (int i = 0; i < 6 && offsets.pose[cam] >= 0 && !wanted[0]; ++i) c.held[offsets.pose[cam] + i] = true;
+  }
+  for (std::size_t board = 1; board < cal.data.targets.size(); ++board) {
+    for (int i = 0; i < 6; ++i) c.held[offsets.board[board] + i] = true;
+  }
+  return {};
+}
+
+}  // namespace
+
+bool Constraints::any() const {
+  for (std::size_t i = 0; i < tied_to.size(); ++i) {
+    if (held[i] || tied_to[i] != static_cast<int>(i)) return true;
+  }
+  return !priors.empty();
+}
+
+Result<Constraints> constraints_of(const Calibration& cal, const RefineOptions& options) {
+  const Names names(cal);
+  Constraints c;
+  c.held.assign(static_cast<std::size_t>(names.size()), false);
+  for (int i = 0; i < names.size(); ++i) c.tied_to.push_back(i);
+  for (const std::string& text : options.fixed) {
+    if (auto status = add_fixed(c, names, text); !status) return status.error();
+  }
+  for (const std::string& text : options.ties) {
+    if (auto status = add_tie(c, names, text); !status) return status.error();
+  }
+  for (const Prior& prior : options.priors) {
+    if (auto status = add_prior(c, names, prior); !status) return status.error();
+  }
+  if (auto status = hold_others(c, cal, options.only); !status) return status.error();
+  if (auto status = spread_holds(c, names); !status) return status.error();
+  return c;
+}
+
+Constraints slice(const Constraints& c, int first, int n) {
+  Constraints part;
+  const auto inside = [&](int i) { return i >= first && i < first + n; };
+  for (int i = first; i < first + n; ++i) {
+    part.held.push_back(c.held[i]);
+    const auto leader = std::find(c.tied_to.begin() + first, c.tied_to.begin() + i, c.tied_to[i]);
+    part.tied_to.push_back(static_cast<int>(leader - c.tied_to.begin()) - first);
+  }
+  for (const auto& [i, value] : c.values) {
+    for (int j = first; j < first + n; ++j) {
+      if (c.tied_to[j] == c.tied_to[i]) part.values.emplace_back(j - first, value);
+    }
+  }
+  for (PriorTerm prior : c.priors) {
+    if (!inside(prior.index)) continue;
+    prior.index -= first;
+    part.priors.push_back(prior);
+  }
+  return part;
+}
+
+namespace {
+
+// What each parameter has to become, from what it is.
+VecX wanted_values(const VecX& x, const Constraints& c) {
+  VecX wanted = x;
+  for (int i = 0; i < static_cast<int>(c.tied_to.size()); ++i) {
+    double sum = 0, held_at = 0;
+    int n = 0, n_held = 0;
+    for (int j = 0; j < static_cast<int>(c.tied_to.size()); ++j) {
+      if (c.tied_to[j] != c.tied_to[i]) continue;
+      sum += x[j];
+      ++n;
+      if (c.held[j] && n_held++ == 0) held_at = x[j];
+    }
+    if (n > 1) wanted[i] = n_held > 0 ? held_at : sum / n;
+  }
+  for (const auto& [i, value] : c.values) {
+    for (int j = 0; j < static_cast<int>(c.tied_to.size()); ++j) {
+      if (c.tied_to[j] == c.tied_to[i]) wanted[j] = value;
+    }
+  }
+  return wanted;
+}
+
+}  // namespace
+
+void apply(Calibration& cal, const Constraints& c) {
+  const VecX x = shared_values(cal), wanted = wanted_values(x, c);
+  for (int i = 0; i < x.size(); ++i) {
+    if (wanted[i] != x[i]) set_shared_value(cal, i, wanted[i]);
+  }
+}
+
+void apply(Lens& lens, const Constraints& c) {
+  const auto k = params(lens);
+  const int n = std::min(static_cast<int>(k.size()), static_cast<int>(c.tied_to.size()));
+  VecX x(static_cast<int>(c.tied_to.size()));
+  x.setZero();
+  for (int i = 0; i < n; ++i) x[i] = k[i];
+  const VecX wanted = wanted_values(x, c);
+  for (int i = 0; i < n; ++i) k[i] = wanted[i];
+}
+
+SolveSpec with_constraints(SolveSpec spec, const Constraints& c) {
+  spec.held = c.held;
+  spec.tied_to = c.tied_to;
+  spec.priors = c.priors;
+  return spec;
+}
+
+std::vector<PriorPull> prior_pulls(const Calibration& cal, const std::vector<PriorTerm>& priors) {
+  const std::vector<std::string> names = shared_parameter_names(cal);
+  const VecX x = shared_values(cal);
+  std::vector<PriorPull> pulls;
+  for (const PriorTerm& prior : priors)
+    pulls.push_back(
+        {names[prior.index], prior.value, prior.sigma, (x[prior.index] - prior.value) / prior.sigma});
+  return pulls;
+}
+
+}  // namespace plumbline::detail
