@@ -364,7 +364,9 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
   PLUMBLINE_CHECK(start.rig.cameras.size() == start.data.cameras.size() &&
                       start.rig.T_cam_rig.size() == start.rig.cameras.size() &&
                       start.T_rig_board.size() == start.data.frames.size() &&
-                      start.T_board0_board.size() == start.data.targets.size(),
+                      start.T_board0_board.size() == start.data.targets.size() &&
+                      start.bow_m.size() <= start.data.targets.size() &&
+                      (start.clocks.empty() || start.clocks.size() == start.rig.cameras.size()),
                   "rig, poses and data of a start belong together");
   Calibration cal = start;
   if (auto status = add_wanted_effects(cal, options); !status) return status.error();
