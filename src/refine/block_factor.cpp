@@ -143,7 +143,7 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
     if (!x) return std::nullopt;
     for (int i = 0; i < b.size(); ++i) {
       const int column = reduction_.column[i];
-      if (column >= 0) d.shared[i] = -scale_[column] * (*x)[column];
+      if (column >= 0) d.shared[i] = -scale_[column] * (*x)(column, 0);
     }
   }
   if (!hold_boards_) {

@@ -197,7 +197,9 @@ std::vector<Bridge> bridges(int n_cams, int n_boards, const std::vector<Sight>& 
     self(self, {without.begin(), middle});
     self(self, {middle, without.end()});
   };
-  if (n_cams > 1 && !frames.empty()) search(search, frames);
+  const std::vector<int> all = rig_groups(n_cams, n_boards, sights, true).of_cam;
+  const bool whole = std::all_of(all.begin(), all.end(), [](int group) { return group == 0; });
+  if (n_cams > 1 && whole) search(search, frames);
   return list;
 }
 
@@ -222,7 +224,7 @@ Error gap_error(const Dataset& data, const std::vector<Sight>& sights, const Rig
     message += fmt::format(
         ", or turn the whole rig about two axes while each sees its own board; so far that does not do: {}",
         motion);
-  return {ErrorCode::kDegenerate, std::move(message), "cameras " + join(names, ", ")};
+  return {ErrorCode::kDegenerate, std::move(message), "rig"};
 }
 
 }  // namespace plumbline::detail

@@ -26,7 +26,7 @@ constexpr int kLeastMotionFrames = 3;  ///< two turns
 RigGroups rig_groups(int n_cams, int n_boards, const std::vector<Sight>& sights, bool by_motion);
 
 /// A frame without which the cameras no longer hang together, and the cameras that it ties to the first one's
-/// group.
+/// group. None where they do not hang together anyway.
 struct Bridge {
   int frame = 0;
   std::vector<int> cams;

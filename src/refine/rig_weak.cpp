@@ -62,12 +62,17 @@ void add_bridges(Calibration& cal, const MatX& covariance, const Offsets& offset
   const int n_cams = static_cast<int>(cal.rig.cameras.size());
   for (const Bridge& bridge : bridges(n_cams, static_cast<int>(cal.data.targets.size()), sights)) {
     std::vector<std::string> cams, views;
-    for (int cam : bridge.cams) cams.push_back(cal.rig.cameras[cam].name);
+    int first = -1;  // of those whose pose is not given
+    for (int cam : bridge.cams) {
+      if (covariance.diagonal().segment<6>(offsets.pose[cam]).isZero(0)) continue;
+      if (first < 0) first = cam;
+      cams.push_back(cal.rig.cameras[cam].name);
+    }
+    if (first < 0) continue;
     for (std::size_t v = 0; v < cal.fits.size(); ++v) {
       if (takes_part(cal, v) && cal.data.views[v].frame == bridge.frame)
         views.push_back(cal.rig.cameras[cal.data.views[v].cam].name);
     }
-    const int first = bridge.cams[0];
     cal.stats.weak.push_back(
         {cams[0] + " r_x, r_y, r_z, t_x, t_y, t_z", position_sigma_m(covariance, offsets.pose[first]),
          fmt::format("{} joined to camera {} by 1 frame: {} (seen by {}); an error in it goes into the rig "

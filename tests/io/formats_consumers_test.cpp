@@ -20,6 +20,7 @@ namespace plumbline {
 namespace {
 namespace fs = std::filesystem;
 using test::TempDir;
+using ::testing::HasSubstr;
 
 Lens full_lens(const std::string& name, double focal) {
   Lens lens = make_lens(name, {640, 480}, focal).value();
@@ -244,10 +245,9 @@ TEST(MrcalFormat, TwoFilesAreARigRelativeToTheFirst) {
   const auto back = read_rig(files);
   ASSERT_TRUE(back);
   EXPECT_LT(box_minus(back->T_cam_rig[1], rig.T_cam_rig[1].inverse()).norm(), 1e-14);
-  std::string splined = kMrcalOwn;
-  splined.replace(splined.find("LENSMODEL_OPENCV5"), 17,
-                  "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=170");
-  const auto refused = read_rig(std::vector<NamedBytes>{{"a", splined}});
+  std::string other = kMrcalOwn;
+  other.replace(other.find("LENSMODEL_OPENCV5"), 17, "LENSMODEL_CAHVOR");
+  const auto refused = read_rig(std::vector<NamedBytes>{{"a", other}});
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::kUnsupported);
   EXPECT_THAT(refused.error().text(), ::testing::HasSubstr("mrcal-convert-lensmodel"));
@@ -307,7 +307,8 @@ TEST(MrcalFormat, SplinedLensesOfBothOrdersAreMrcals) {
         .error()
         .text();
   };
-  EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_fov_x_deg=170"), HasSubstr("has no Ny="));
+  EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_fov_x_deg=170"),
+              HasSubstr("has no Ny="));
   EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=5_Nx=30_Ny=20_fov_x_deg=170"),
               HasSubstr("order 5 is neither 2 nor 3"));
   EXPECT_THAT(error_of("LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=30_Ny=20_fov_x_deg=170"),

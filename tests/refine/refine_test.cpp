@@ -19,15 +19,18 @@ std::string text_of(const Result<Calibration>& r) { return r ? "" : r.error().te
 
 TEST(Calibrate, DataWithoutNoiseGiveTheTruthBack) {
   for (std::string_view name : fixed_lens_names()) {
+    // A sphere's shape shows at its rim only: over 60 degrees it is as good as undetermined.
+    const bool wide = !is_central_perspective(example_lens(name)) && name != "kb4";
     for (int n_cams : {1, 2, 3}) {
       const Simulation sim =
-          simulate({.lenses = std::vector<Lens>(n_cams, example_lens(name)), .fov_deg = 60});
+          simulate({.lenses = std::vector<Lens>(n_cams, example_lens(name, wide ? 280 : 550)),
+                    .fov_deg = wide ? 110.0 : 60.0});
       const auto cal = calibrate(sim.truth.data, options_for(name));
       ASSERT_TRUE(cal) << name << " " << text_of(cal);
       EXPECT_LT(cal->stats.rms_px, 1e-7) << name << " x" << n_cams << " " << cal->stats.termination;
       EXPECT_LT(worst_lens_error_px(sim, *cal), 1e-6)
           << name << " x" << n_cams << " " << cal->stats.termination;
-      EXPECT_TRUE(cal->stats.converged) << name;
+      EXPECT_TRUE(cal->stats.converged) << name << " x" << n_cams << " " << cal->stats.termination;
       EXPECT_EQ(cal->stats.n_outliers, 0) << name;
       for (int cam = 1; cam < n_cams; ++cam) {
         EXPECT_LT(box_minus(cal->rig.T_cam_rig[cam], sim.truth.rig.T_cam_rig[cam]).norm(), 1e-8) << name;

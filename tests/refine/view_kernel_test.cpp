@@ -29,7 +29,7 @@ std::vector<const KernelSet*> sets_here() {
 template <class L>
 std::vector<Observation> observations(const L& lens, const SE3& T_cam_board, Rng& rng, int n) {
   std::vector<Observation> list;
-  for (const Vec3& p_cam : points_in_domain(lens, rng, 4 * n)) {
+  for (const Vec3& p_cam : points_in_domain(lens, rng, 4 * n + 40)) {
     const auto px = lens.project(p_cam);
     // Straight behind a fisheye the rounding of the point itself moves the pixel.
     if (p_cam.z() < -0.99 * p_cam.norm()) continue;

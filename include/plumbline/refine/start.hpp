@@ -16,7 +16,7 @@ struct StartFrom {
   /// Whether the rig says where its cameras stand (poses_known() of io); otherwise that is found from the
   /// frames that they share.
   bool places_known = true;
-  /// Board poses that are known, one per frame of the data (in the frame of the RIG's first camera); empty or
+  /// Board poses that are known, one per frame of the data (in the frame of `rig`); empty or
   /// nullopt: found.
   std::vector<std::optional<SE3>> T_rig_board;
   std::vector<SE3> T_board0_board;  ///< how several boards stand to one another; empty: found
