@@ -138,7 +138,10 @@ std::optional<RowPixel> project_moving(const Lens& lens, const SE3& T_cam_rig, c
     const auto px = project(lens, R_cam_rig * (turned + out.pose.t) + T_cam_rig.t(), &J_px_p);
     if (!px) return std::nullopt;
     out.px = *px;
-    if (exposure.line_delay_s == 0) return out;
+    if (exposure.line_delay_s == 0) {
+      out.row = px->y();  // what a delay would act on
+      return out;
+    }
     const Vec2 px_per_row =
         exposure.line_delay_s * (J_px_p * (R_cam_rig * (out.pose.w.cross(turned) + out.pose.v)));
     // A point that outruns the shutter is seen in many rows, or in none.

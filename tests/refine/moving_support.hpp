@@ -96,7 +96,7 @@ inline Recording record(const RecordingOptions& o,
 }
 
 inline Recording record_polynomials(const RecordingOptions& o) {
-  const double half_s = 0.5 * o.interval_s * (o.n_frames - 1);
+  const double half_s = 0.5 * o.interval_s * std::max(1, o.n_frames - 1);
   return record(
       o, [=](const SE3& mid, double mid_s, Rng& rng) { return polynomial_motion(mid, mid_s, half_s, rng); });
 }
