@@ -5,6 +5,7 @@
 #include <chrono>
 
 #include "args.hpp"
+#include "calibrate_effects.hpp"
 #include "calibrate_inputs.hpp"
 #include "calibrate_report.hpp"
 #include "calibrate_start.hpp"
@@ -23,6 +24,7 @@ struct Options {
   std::string lens, loss = "squared", outliers = "auto";
   double loss_scale_px = 1.0, outlier_sigma = 5.0, max_rms_px = 0;
   bool use_sigma = false;
+  EffectArgs effects;
 };
 
 RefineOptions refine_options(const Options& o, const Common& common) {
@@ -34,6 +36,7 @@ RefineOptions refine_options(const Options& o, const Common& common) {
   options.outlier_sigma = o.outlier_sigma;
   options.use_sigma = o.use_sigma;
   options.n_threads = common.n_threads;
+  set_effects(o.effects, options);
   return options;
 }
 
@@ -99,6 +102,7 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--outlier-sigma", o->outlier_sigma, "how far off, in robust standard deviations")
       ->check(positive());
   app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
+  add_effect_options(app, o->effects);
   app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")
       ->check(positive());
   app.add_option("-o,--output", o->output, "folder for calibration.yaml and corners.yaml")->required();

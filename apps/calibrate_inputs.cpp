@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 
+#include "calibrate_effects.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/dataset_io.hpp"
 #include "plumbline/io/files.hpp"
@@ -117,9 +118,14 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
       ->check(CLI::IsMember({"name", "order"}));
   app.add_option("--corners", in.corners, "corners.yaml of ours, or mrcal's corners.vnl, instead of images");
   app.add_option("--image-size", in.image_size, "WIDTHxHEIGHT, with a .vnl file");
+  app.add_option("--times", in.times,
+                 "when the images were taken: a CSV file of image,time_s, or 'names' for files named by "
+                 "nanoseconds");
 }
 
-Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
+namespace {
+
+Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common) {
   if (!in.corners.empty()) return load_corners(in);
   auto targets =
       in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
@@ -131,6 +137,15 @@ Result<Dataset> load_observations(const CalibrateInputs& in, const Common& commo
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
   return detect_dataset(*images, *targets, options);
+}
+
+}  // namespace
+
+Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
+  auto data = load_without_times(in, common);
+  if (!data) return data;
+  if (Status s = add_times(in.times, *data); !s) return s.error();
+  return data;
 }
 
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,

@@ -13,6 +13,7 @@ struct CalibrateInputs {
   std::string corners, image_size, pair_by = "name";
   std::vector<std::string> targets, cams;
   std::vector<Target> known_targets{};  ///< used where no --target is given
+  std::string times{};                  ///< add_times()
 };
 
 /// Wrong usage of the options together, before any file is touched.

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "calibrate_effects.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/lens/lens.hpp"
 
@@ -173,6 +174,7 @@ Json json_of_calibration(const Calibration& c) {
           {{"target", c.data.targets[i].name}, {"T", json_of(c.T_board0_board[i])}});
     }
   }
+  add_effects(c, json);
   json["views"] = json_of_views(c);
   json["weak"] = Json::array();
   for (const WeakDirection& w : c.stats.weak) {
@@ -217,6 +219,7 @@ std::string text_of_calibration(const Calibration& c) {
     text += fmt::format("joined by motion alone: {}\n", joined->second);
   for (std::size_t i = 1; i < c.data.targets.size(); ++i)
     text += text_of_pose(c.data.targets[i].name, c.data.targets[0].name, c.T_board0_board[i].inverse());
+  text += text_of_effects(c);
   for (const Camera& camera : c.rig.cameras) {
     const double fraction = domain_fraction(camera);
     if (fraction == 1) continue;

@@ -61,6 +61,8 @@ Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inp
                  .n_threads = common.n_threads};
   auto start = start_from(earlier->data, earlier->rig, from);
   if (!start) return start.error();
+  start->bow_m = earlier->bow_m;
+  start->clocks = earlier->clocks;
   return Problem{start->data, *start};
 }
 

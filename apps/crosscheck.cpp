@@ -50,6 +50,13 @@ Result<int> run(const Options& o, const Common& common) {
   text += fmt::format(
       "all cameras together: rms {:.8f} px, mrcal {:.8f} px from our optimum and {:.8f} px from our seed\n",
       check->rms_px, check->referee_rms_px, check->referee_rms_from_seed_px);
+  if (check->bow_m && check->referee_bow_m) {
+    const Vec2 ours = *check->bow_m, theirs = *check->referee_bow_m;
+    text += fmt::format("bow of the board [m]: ({:.9f}, {:.9f}), mrcal ({:.9f}, {:.9f})\n", ours.x(),
+                        ours.y(), theirs.x(), theirs.y());
+    json["bow_m"] = {ours.x(), ours.y()};
+    json["referee_bow_m"] = {theirs.x(), theirs.y()};
+  }
   for (const std::string& note : check->notes) text += note + "\n";
   const bool missed = o.max_diff_px > 0 && !(worst <= o.max_diff_px);
   if (missed)

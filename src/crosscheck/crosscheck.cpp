@@ -31,7 +31,7 @@ void for_each_inlier(const Calibration& cal, Body&& body) {
     const SE3 T = cal.rig.T_cam_rig[view.cam] * *board_pose(cal, view);
     for (std::size_t c = 0; c < view.corners.size(); ++c) {
       if (!cal.fits[v][c].outlier) {
-        body(view.cam, T * cal.data.targets[view.target].points[view.corners[c].point], view.corners[c]);
+        body(view.cam, T * board_point(cal, view.target, view.corners[c].point), view.corners[c]);
       }
     }
   }
@@ -74,6 +74,7 @@ Calibration alone(const Calibration& cal, int cam) {
   out.data.views.clear();
   out.T_rig_board.resize(cal.T_rig_board.size());
   out.T_board0_board = cal.T_board0_board;
+  out.bow_m = cal.bow_m;
   out.provenance = cal.provenance;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     View view = cal.data.views[v];
@@ -290,6 +291,8 @@ Status check_joint(const Calibration& cal, const Setup& setup, Crosscheck& out) 
   const auto rms = solve(problem);
   if (!rms) return refused("all cameras");
   out.referee_rms_px = *rms;
+  out.bow_m = bow_of(cal, 0);
+  out.referee_bow_m = problem.warp_m;
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
     RefereeLens lens = (*lenses)[cam];
     lens.parameters = problem.intrinsics[cam];

@@ -104,6 +104,9 @@ NaiveSeed naive_seed(const Calibration& optimum) {
     std::copy_n(k->data(), 4, p.begin());
   }
   spread_poses(out.calibration, optimum);
+  for (auto& bow : out.calibration.bow_m) {
+    if (bow) bow->setZero();
+  }
   return out;
 }
 

@@ -90,6 +90,7 @@ Problem make_problem(const Calibration& calibration, const Lattice& lattice,
                      const std::vector<RefereeLens>& lenses, bool use_sigma) {
   Problem problem;
   problem.lattice = lattice;
+  problem.warp_m = bow_of(calibration, 0);
   problem.model = lenses.front().model;
   const SE3 T_rig_ref = calibration.rig.T_cam_rig.front().inverse();
   for (std::size_t cam = 0; cam < calibration.rig.cameras.size(); ++cam) {
@@ -155,6 +156,9 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
   selections.do_optimize_extrinsics = n_cams > 1;
   selections.do_optimize_frames = true;
   selections.do_apply_regularization = solve.regularise;
+  selections.do_optimize_calobject_warp = problem.warp_m.has_value();
+  mrcal_calobject_warp_t warp{};
+  if (problem.warp_m) std::copy_n(problem.warp_m->data(), 2, warp.values);
   mrcal_problem_constants_t constants{};  // about free points, of which there are none
   constants.point_min_range = 1e-3;
   constants.point_max_range = 1e6;
@@ -165,15 +169,17 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
   for (int round = 0; round < solve.max_rounds; ++round) {
     const mrcal_stats_t stats = mrcal_optimize(
         nullptr, 0, x.data(), n_x * static_cast<int>(sizeof(double)), intrinsics.data(), extrinsics.data(),
-        frames.data(), nullptr, nullptr, n_cams, n_cams - 1, n_frames, 0, 0, problem.observations.data(),
-        nullptr, n_obs, 0, problem.pool.data(), &problem.model, problem.image_sizes.data(), selections,
-        &constants, problem.lattice.spacing_m, problem.lattice.columns, problem.lattice.rows, false, false);
+        frames.data(), nullptr, problem.warp_m ? &warp : nullptr, n_cams, n_cams - 1, n_frames, 0, 0,
+        problem.observations.data(), nullptr, n_obs, 0, problem.pool.data(), &problem.model,
+        problem.image_sizes.data(), selections, &constants, problem.lattice.spacing_m,
+        problem.lattice.columns, problem.lattice.rows, false, false);
     if (!(stats.rms_reproj_error__pixels >= 0)) return std::nullopt;
     const double next = rms_of(problem, x);
     const bool done = !(next < rms * (1 - 1e-12));
     rms = std::min(rms, next);
     if (done) break;
   }
+  if (problem.warp_m) problem.warp_m = Vec2(warp.values[0], warp.values[1]);
   const std::size_t n_k = problem.intrinsics.front().size();
   for (int i = 0; i < n_cams; ++i)
     problem.intrinsics[i].assign(&intrinsics[i * n_k], &intrinsics[i * n_k] + n_k);

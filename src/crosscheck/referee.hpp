@@ -46,6 +46,7 @@ struct Problem {
   std::vector<mrcal_point3_t> pool;  ///< pixel and weight of every lattice point; weight -1: not seen
   std::vector<int> image_sizes;
   Lattice lattice;
+  std::optional<Vec2> warp_m;  ///< calobject_warp, free where it is there
 };
 
 /// The inlier corners of a calibration with its poses and these lenses (all of one model, one per camera).
@@ -60,9 +61,9 @@ struct Solve {
   int max_rounds = 8;       ///< mrcal stops on thresholds of its own; the next round starts where it stopped
 };
 
-/// Runs mrcal_optimize from the problem's state and leaves the optimum there, without outlier rejection and
-/// board warp, again and again until the error no longer falls. rms_px over the inlier corners, not weighted;
-/// nullopt when mrcal fails.
+/// Runs mrcal_optimize from the problem's state and leaves the optimum there, without outlier rejection,
+/// again and again until the error no longer falls. rms_px over the inlier corners, not weighted; nullopt
+/// when mrcal fails.
 std::optional<double> optimise(Problem& problem, Solve solve = {});
 
 }  // namespace plumbline::detail

@@ -7,10 +7,12 @@
 #include <iterator>
 
 #include "io/dataset_yaml.hpp"
+#include "io/effects_yaml.hpp"
 #include "io/rig_yaml.hpp"
 #include "io/target_yaml.hpp"
 #include "plumbline/core/check.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/effects.hpp"
 
 namespace plumbline {
 namespace io {
@@ -46,11 +48,12 @@ void write_summary(std::string& out, const SolveStats& stats) {
            yaml_text(prior.parameter), number_text(prior.value), number_text(prior.sigma),
            number_text(prior.pull_sigmas));
   }
+  write_effect_tries(out, stats.effects);
 }
 
 SolveStats read_summary(const Field& field) {
   field.only({"rms_px", "rms_xy_px", "corners", "outliers", "iterations", "converged", "termination", "weak",
-              "priors"});
+              "priors", "effects"});
   SolveStats stats;
   stats.rms_px = field.at("rms_px").number();
   stats.rms_xy_px = field.at("rms_xy_px").number();
@@ -66,6 +69,7 @@ SolveStats read_summary(const Field& field) {
           {item.at("parameters").text(), item.at("sigma").number(), item.at("consequence").text()});
     }
   }
+  stats.effects = read_effect_tries(field);
   if (const auto priors = field.find("priors")) {
     for (const Field& item : priors->items()) {
       item.only({"parameter", "value", "sigma", "pull_sigmas"});
@@ -105,6 +109,7 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
   if (calibration.data.targets.size() > 1)
     append(out, "    target: {}\n", yaml_text(calibration.data.targets.at(view.target).name));
   if (!view.reason.empty()) append(out, "    reason: {}\n", yaml_text(view.reason));
+  if (view.time_s) append(out, "    time_s: {}\n", number_text(*view.time_s));
   if (v < calibration.view_reason.size() && !calibration.view_reason[v].empty()) {
     append(out, "    unused: {}\n", yaml_text(calibration.view_reason[v]));
   }
@@ -126,7 +131,7 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
 }
 
 void read_view(const Field& field, const Names& cameras, Calibration& calibration) {
-  field.only({"camera", "frame", "image", "target", "reason", "unused", "corners"});
+  field.only({"camera", "frame", "image", "target", "reason", "time_s", "unused", "corners"});
   View view;
   std::vector<CornerFit> fits;
   view.cam = index_of(field.at("camera"), cameras, "camera");
@@ -134,6 +139,7 @@ void read_view(const Field& field, const Names& cameras, Calibration& calibratio
   view.image = field.at("image").text();
   view.target = read_target_of_view(field, calibration.data.targets);
   if (const auto reason = field.find("reason")) view.reason = reason->text();
+  if (const auto time = field.find("time_s")) view.time_s = time->number();
   const auto unused = field.find("unused");
   if (const auto block = field.find("corners")) {
     for_each_row(block->text(), [&](int line, const auto& words) {
@@ -174,6 +180,7 @@ void write_data(std::string& out, const Calibration& calibration) {
     for (std::size_t i = 0; i < data.targets.size(); ++i)
       append(out, "  {}: {}\n", yaml_text(data.targets[i].name), pose_text(calibration.T_board0_board[i]));
   }
+  write_effect_values(out, calibration);
   if (!data.detector.empty()) append(out, "detector: {}\n", yaml_text(data.detector));
   if (!same_cameras(calibration)) {
     out += data.cameras.empty() ? "data_cameras: []\n" : "data_cameras:\n";
@@ -212,6 +219,7 @@ void read_data(const Field& root, Calibration& calibration) {
   Dataset& data = calibration.data;
   data.targets = read_targets(root);
   read_board_poses(root, calibration);
+  read_effect_values(root, calibration);
   if (const auto detector = root.find("detector")) data.detector = detector->text();
   if (const auto cameras = root.find("data_cameras")) {
     for (const Field& camera : cameras->items()) data.cameras.push_back(read_camera_info(camera));
@@ -232,11 +240,12 @@ void read_data(const Field& root, Calibration& calibration) {
 
 // --- covariance ---
 
-void write_covariance(std::string& out, const MatX& covariance, bool several_boards) {
+void write_covariance(std::string& out, const MatX& covariance, bool several_boards, bool has_effects) {
   out +=
       "# of the shared parameters: lens parameters camera by camera, then rotation [rad] and translation [m] "
       "of each T_cam_rig but the first";
   if (several_boards) out += ", then of each T_board0_board but the first";
+  if (has_effects) out += ", then bows [m], line delays and time offsets [s]";
   out += "\ncovariance: |\n";
   for (Eigen::Index r = 0; r < covariance.rows(); ++r) {
     out += "  ";
@@ -285,7 +294,8 @@ Result<Calibration> read_calibration(const Field& root, std::string_view whole_t
   }
   check_version(root, "plumbline_calibration", kCalibrationVersion);
   root.only({"plumbline_calibration", "contents", "cameras", "T_cam_rig", "summary", "provenance", "target",
-             "targets", "T_board0_board", "detector", "data_cameras", "frames", "views", "covariance"});
+             "targets", "T_board0_board", "board_bow", "clocks", "detector", "data_cameras", "frames",
+             "views", "covariance"});
   Calibration calibration;
   calibration.rig = read_rig_fields(root);
   if (const auto summary = root.find("summary")) calibration.stats = read_summary(*summary);
@@ -374,7 +384,8 @@ std::string format_calibration(const Calibration& calibration) {
     io::write_summary(out, calibration.stats);
     io::write_provenance(out, calibration.provenance);
   }
-  if (calibration.covariance) io::write_covariance(out, *calibration.covariance, several_boards);
+  if (calibration.covariance)
+    io::write_covariance(out, *calibration.covariance, several_boards, !effect_values(calibration).empty());
   if (!calibration.data.targets.empty()) io::write_data(out, calibration);
   return out;
 }

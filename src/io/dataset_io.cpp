@@ -146,13 +146,14 @@ constexpr int kCornersVersion = 1;
 
 View read_view(const Field& field, const std::vector<std::string>& cameras,
                const std::vector<std::string>& frames, const std::vector<Target>& targets) {
-  field.only({"camera", "frame", "image", "target", "reason", "corners"});
+  field.only({"camera", "frame", "image", "target", "reason", "time_s", "corners"});
   View view;
   view.target = read_target_of_view(field, targets);
   view.cam = index_of(field.at("camera"), cameras, "camera");
   view.frame = index_of(field.at("frame"), frames, "frame");
   view.image = field.at("image").text();
   if (const auto reason = field.find("reason")) view.reason = reason->text();
+  if (const auto time = field.find("time_s")) view.time_s = time->number();
   if (const auto block = field.find("corners")) {
     for_each_row(block->text(), [&](int line, const auto& words) {
       if (words.size() != 4) block->fail(fmt::format("row {}: 'point x y sigma' is needed", line));
@@ -208,6 +209,7 @@ std::string format_corners(const Dataset& data) {
     if (data.targets.size() > 1)
       out += fmt::format("    target: {}\n", io::yaml_text(data.targets.at(view.target).name));
     if (!view.reason.empty()) out += fmt::format("    reason: {}\n", io::yaml_text(view.reason));
+    if (view.time_s) out += fmt::format("    time_s: {}\n", io::number_text(*view.time_s));
     if (!view.corners.empty()) out += "    corners: |\n";
     for (const Corner& corner : view.corners) {
       out += "      ";

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <utility>
 
+#include "plumbline/rig/motion.hpp"
 #include "refine/block_normal.hpp"
 
 namespace plumbline::detail {
@@ -113,6 +114,10 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
+  if (has_clocks(cal)) return false;
+  for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
+    if (bow_of(cal, static_cast<int>(i))) return false;
+  }
   for (const Camera& camera : cal.rig.cameras) {
     if (is_sparse(camera.lens)) return false;
   }

@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "plumbline/core/linalg.hpp"
+#include "plumbline/rig/motion.hpp"
+#include "refine/moving_solve.hpp"
 #include "refine/solve.hpp"
 
 namespace plumbline::detail {
@@ -16,6 +18,7 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 struct ViewJacobian {
   VecX r;
   RowMajor lens, cam, board, further;  // the last of a further board's T_board0_board, or empty
+  RowMajor bow;                        // or empty
 };
 
 std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v, const SolveSpec& spec) {
@@ -25,14 +28,23 @@ std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v,
   const Lens& lens = cal.rig.cameras[view.cam].lens;
   const auto n = static_cast<Eigen::Index>(2 * observations.size());
   const bool further = view.target > 0;
-  ViewJacobian J{VecX(n), RowMajor(n, n_params(lens)), RowMajor(n, 7), RowMajor(n, 7),
-                 RowMajor(further ? n : 0, 7)};
-  const auto cost = make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, further);
-  const double* blocks[] = {params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
-                            cal.T_rig_board[view.frame]->qt.data(),
-                            cal.T_board0_board[view.target].qt.data()};
-  double* jacobians[] = {J.lens.data(), J.cam.data(), J.board.data(), J.further.data()};
-  if (!cost->Evaluate(blocks, J.r.data(), jacobians)) return std::nullopt;
+  auto bow = bow_of(cal, view.target);
+  ViewJacobian J{VecX(n),        RowMajor(n, n_params(lens)),  RowMajor(n, 7),
+                 RowMajor(n, 7), RowMajor(further ? n : 0, 7), RowMajor(bow ? n : 0, 2)};
+  const auto cost =
+      make_view_cost(lens, std::move(observations), spec.loss, spec.loss_scale, further, bow.has_value());
+  std::vector<const double*> blocks{params(lens).data(), cal.rig.T_cam_rig[view.cam].qt.data(),
+                                    cal.T_rig_board[view.frame]->qt.data()};
+  std::vector<double*> jacobians{J.lens.data(), J.cam.data(), J.board.data()};
+  if (further) {
+    blocks.push_back(cal.T_board0_board[view.target].qt.data());
+    jacobians.push_back(J.further.data());
+  }
+  if (bow) {
+    blocks.push_back(bow->data());
+    jacobians.push_back(J.bow.data());
+  }
+  if (!cost->Evaluate(blocks.data(), J.r.data(), jacobians.data())) return std::nullopt;
   return J;
 }
 
@@ -62,6 +74,7 @@ FrameJacobian frame_jacobian(const Calibration& cal, const std::vector<int>& vie
     frame.J.block(row, 6 + offsets.lens[cam], n, part.lens.cols()) = part.lens;
     if (offsets.pose[cam] >= 0) frame.J.block(row, 6 + offsets.pose[cam], n, 6) = part.cam.leftCols(6);
     if (target > 0) frame.J.block(row, 6 + offsets.board[target], n, 6) = part.further.leftCols(6);
+    if (offsets.bow[target] >= 0) frame.J.block(row, 6 + offsets.bow[target], n, 2) = part.bow;
     frame.sum += part.r.squaredNorm();
     row += n;
   }
@@ -94,6 +107,14 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   SharedCovariance result;
   double sum = 0;
   int n_frames = 0;
+  if (has_clocks(cal)) {
+    MovingNormal normal = moving_normal(cal, spec);
+    S = std::move(normal.S);
+    sum = normal.sum;
+    result.n_residuals = normal.n_residuals;
+    n_frames = normal.n_frames;
+    views_of.clear();
+  }
   for (const std::vector<int>& views : views_of) {
     if (views.empty()) continue;
     FrameJacobian frame = frame_jacobian(cal, views, offsets, spec);

@@ -8,8 +8,11 @@
 
 #include "plumbline/core/check.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/motion.hpp"
 #include "refine/constraints.hpp"
+#include "refine/effects.hpp"
 #include "refine/outliers.hpp"
+#include "refine/recording.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
 #include "refine/suspects.hpp"
@@ -82,6 +85,11 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   if (!priors.empty()) o["priors"] = join(priors, ",");
   if (!options.only.empty()) o["only"] = join(options.only, ",");
   o["sigma"] = options.use_sigma ? "used" : "not used";
+  for (const auto& [name, estimate] : {std::pair{"bow", options.bow},
+                                       {"line_delay", options.line_delay},
+                                       {"time_offset", options.time_offset}}) {
+    if (estimate != Estimate::kNo) o[name] = estimate == Estimate::kYes ? "estimated" : "auto";
+  }
   o["max_iterations"] = std::to_string(options.max_iterations);
   cal.provenance.corners_hash = corners_hash(cal.data);
 }
@@ -214,6 +222,24 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
   return cal;
 }
 
+Result<Calibration> finish_with_effects(Calibration start, const RefineOptions& options, bool from_seed) {
+  const Finish solve_all = [&](Calibration cal) -> Result<Calibration> {
+    auto constraints = constraints_of(cal, options);
+    if (!constraints) return constraints.error();
+    hold_cores(cal.rig, constraints->held);
+    if (!has_clocks(cal)) return finish(std::move(cal), options, *std::move(constraints), from_seed);
+    if (auto status = check_moving(cal, options); !status) return status.error();
+    drop_motionless(cal);
+    auto moving = finish(std::move(cal), options, *std::move(constraints), from_seed);
+    if (!moving) return moving;
+    if (auto status = check_smoothness(*moving); !status) return status.error();
+    return moving;
+  };
+  auto plain = solve_all(start);
+  if (!plain) return plain;
+  return choose_effects(start, *std::move(plain), options, solve_all);
+}
+
 // A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
 // of them are known.
 int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
@@ -296,7 +322,8 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
                  "--start zhang",
                  "target " + data.targets[0].name};
   }
-  const Calibration empty = empty_calibration(data, *lenses);
+  Calibration empty = empty_calibration(data, *lenses);
+  if (auto status = add_wanted_effects(empty, options); !status) return status.error();
   const auto constraints = constraints_of(empty, options);
   if (!constraints) return constraints.error();
   if (auto status = enough_views(empty, *constraints); !status) return status.error();
@@ -320,12 +347,13 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto seed = seed_rig(data, parts, std::move(monos));
   if (!seed) return seed.error();
   refuse_small_views(*seed);
+  seed->bow_m = empty.bow_m;
+  seed->clocks = empty.clocks;
   // Anew: the seed may have chosen the shape of a lens.
-  auto constraints_of_seed = constraints_of(*seed, options);
+  const auto constraints_of_seed = constraints_of(*seed, options);
   if (!constraints_of_seed) return constraints_of_seed.error();
-  hold_cores(seed->rig, constraints_of_seed->held);
   if (auto status = enough_views(*seed, *constraints_of_seed); !status) return status.error();
-  auto cal = finish(*std::move(seed), options, *std::move(constraints_of_seed), true);
+  auto cal = finish_with_effects(*std::move(seed), options, true);
   if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
 }
@@ -336,12 +364,14 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
   PLUMBLINE_CHECK(start.rig.cameras.size() == start.data.cameras.size() &&
                       start.rig.T_cam_rig.size() == start.rig.cameras.size() &&
                       start.T_rig_board.size() == start.data.frames.size() &&
-                      start.T_board0_board.size() == start.data.targets.size(),
+                      start.T_board0_board.size() == start.data.targets.size() &&
+                      start.bow_m.size() <= start.data.targets.size() &&
+                      (start.clocks.empty() || start.clocks.size() == start.rig.cameras.size()),
                   "rig, poses and data of a start belong together");
-  auto constraints = constraints_of(start, options);
-  if (!constraints) return constraints.error();
-  hold_cores(start.rig, constraints->held);
   Calibration cal = start;
+  if (auto status = add_wanted_effects(cal, options); !status) return status.error();
+  const auto constraints = constraints_of(cal, options);
+  if (!constraints) return constraints.error();
   cal.fits.assign(cal.data.views.size(), {});
   cal.view_reason.assign(cal.data.views.size(), "");
   cal.covariance.reset();
@@ -349,7 +379,7 @@ Result<Calibration> refine(const Calibration& start, const RefineOptions& option
     cal.fits[v].resize(cal.data.views[v].corners.size());
   refuse_small_views(cal);
   if (auto status = enough_views(cal, *constraints); !status) return status.error();
-  auto done = finish(std::move(cal), options, *constraints, false);
+  auto done = finish_with_effects(std::move(cal), options, false);
   if (done) done->provenance.options["start"] = "given";
   return done;
 }

@@ -53,14 +53,17 @@ SE3 pose_of(const double* block) {
 template <class L>
 class ViewCost final : public ceres::CostFunction {
  public:
-  ViewCost(std::vector<Observation> observations, Loss loss, double loss_scale, bool further_board)
+  ViewCost(std::vector<Observation> observations, Loss loss, double loss_scale, bool further_board,
+           bool bowed)
       : observations_(std::move(observations)),
         loss_(loss),
         loss_scale_(loss_scale),
-        further_board_(further_board) {
+        further_board_(further_board),
+        bow_block_(bowed ? (further_board ? 4 : 3) : -1) {
     set_num_residuals(static_cast<int>(2 * observations_.size()));
     *mutable_parameter_block_sizes() = {L::kNumParams, 7, 7};
     if (further_board) mutable_parameter_block_sizes()->push_back(7);
+    if (bowed) mutable_parameter_block_sizes()->push_back(2);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
@@ -73,17 +76,21 @@ class ViewCost final : public ceres::CostFunction {
     const SE3 T_board0_board = further_board_ ? pose_of(blocks[3]) : SE3();
     const Mat3 R_board0_board = T_board0_board.R(), R_cam_board0 = R_cam_rig * R_rig_board;
     const Vec3 t_board0_board = T_board0_board.t();
+    const Vec2 bow = bow_block_ < 0 ? Vec2(0, 0) : Vec2(blocks[bow_block_][0], blocks[bow_block_][1]);
+    const Vec3 up_cam = R_cam_board0 * R_board0_board.col(2);
     Mat23 J_px_p;
     JacParams<L> J_px_k;
     const bool wants_k = jacobians && jacobians[0], wants_cam = jacobians && jacobians[1],
                wants_board = jacobians && jacobians[2],
                wants_further = further_board_ && jacobians && jacobians[3],
-               wants_p = wants_cam || wants_board || wants_further;
+               wants_bow = bow_block_ >= 0 && jacobians && jacobians[bow_block_],
+               wants_p = wants_cam || wants_board || wants_further || wants_bow;
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       const Observation& o = observations_[i];
       Vec3 p_board0 = o.p_board, turned_further = o.p_board;
+      if (bow_block_ >= 0) p_board0.z() += bow.dot(o.bow_shape);
       if (further_board_) {
-        turned_further = R_board0_board * o.p_board;
+        turned_further = R_board0_board * p_board0;
         p_board0 = turned_further + t_board0_board;
       }
       const Vec3 turned_board = R_rig_board * p_board0;
@@ -108,6 +115,12 @@ class ViewCost final : public ceres::CostFunction {
       if (wants_cam) write_pose(jacobians[1] + 14 * i, J_r_p, turned_rig);
       if (wants_board) write_pose(jacobians[2] + 14 * i, J_r_p * R_cam_rig, turned_board);
       if (wants_further) write_pose(jacobians[3] + 14 * i, J_r_p * R_cam_board0, turned_further);
+      if (!wants_bow) continue;
+      const Vec2 J_r_lift = J_r_p * up_cam;
+      for (int row = 0; row < 2; ++row) {
+        for (int b = 0; b < 2; ++b)
+          jacobians[bow_block_][4 * i + 2 * row + b] = J_r_lift[row] * o.bow_shape[b];
+      }
     }
     return true;
   }
@@ -131,6 +144,7 @@ class ViewCost final : public ceres::CostFunction {
   Loss loss_;
   double loss_scale_;
   bool further_board_;
+  int bow_block_;  // -1: flat
 };
 
 class PoseManifold final : public ceres::Manifold {
@@ -199,11 +213,13 @@ class PoseManifold final : public ceres::Manifold {
 }  // namespace
 
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
-                                                    Loss loss, double loss_scale, bool further_board) {
+                                                    Loss loss, double loss_scale, bool further_board,
+                                                    bool bowed) {
   return std::visit(
       [&]<class L>(const L&) -> std::unique_ptr<ceres::CostFunction> {
         if constexpr (FixedLens<L>)
-          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board);
+          return std::make_unique<ViewCost<L>>(std::move(observations), loss, loss_scale, further_board,
+                                               bowed);
         else
           PLUMBLINE_CHECK(false, "a lens with sparse derivatives has make_sparse_cost()");
       },

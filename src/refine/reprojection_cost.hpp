@@ -17,9 +17,10 @@ namespace plumbline::detail {
 
 /// One corner as the cost sees it.
 struct Observation {
-  Vec3 p_board;         ///< [m]
-  Vec2 px;              ///< measured
-  double weight = 1.0;  ///< 1, or 1 / sigma_px
+  Vec3 p_board;                   ///< [m]
+  Vec2 px;                        ///< measured
+  double weight = 1.0;            ///< 1, or 1 / sigma_px
+  Vec2 bow_shape = Vec2::Zero();  ///< how far each number of the board's bow lifts the point (target/bow.hpp)
 };
 
 /// rho(s) of the squared length s of one corner's weighted residual, and rho'(s). rho(s) = s up to the bend.
@@ -36,7 +37,8 @@ struct Scaling {
 Scaling scaling_of(Loss loss, double scale, double s);
 
 /// The cost of one view: 2n residuals over the blocks [lens parameters | T_cam_rig (7) | T_rig_board (7)],
-/// and of a view of a further board [... | T_board0_board (7)].
+/// of a view of a further board [... | T_board0_board (7)], and of a board whose bow is a parameter
+/// [... | bow (2)], always last.
 ///
 /// The residual of a corner is r' = f r with r = weight * (projection - measured) and f = sqrt(rho(|r|^2) /
 /// |r|^2). Then |r'|^2 = rho(|r|^2) per CORNER, so that Ceres' cost, half the sum of squares, is exactly half
@@ -49,7 +51,8 @@ Scaling scaling_of(Loss loss, double scale, double s);
 /// Evaluate returns false when any corner leaves the lens' domain: Ceres then rejects the step.
 /// PLUMBLINE_CHECK: not for a lens with sparse derivatives (sparse_cost.hpp).
 std::unique_ptr<ceres::CostFunction> make_view_cost(const Lens& lens, std::vector<Observation> observations,
-                                                    Loss loss, double loss_scale, bool further_board = false);
+                                                    Loss loss, double loss_scale, bool further_board = false,
+                                                    bool bowed = false);
 
 /// Steps an SE3 by box_plus in the components of [dw | dt] that are not held.
 ///

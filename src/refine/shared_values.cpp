@@ -19,6 +19,21 @@ void for_each_pose(Cal& cal, Visit&& visit) {
     visit(offsets.board[board], cal.T_board0_board[board]);
 }
 
+// The bows, line delays and time offsets, likewise.
+template <class Cal, class Visit>
+void for_each_effect(Cal& cal, Visit&& visit) {
+  const Offsets offsets = offsets_of(cal);
+  for (std::size_t i = 0; i < cal.bow_m.size(); ++i) {
+    if (offsets.bow[i] < 0) continue;
+    visit(offsets.bow[i], cal.bow_m[i]->x());
+    visit(offsets.bow[i] + 1, cal.bow_m[i]->y());
+  }
+  for (std::size_t i = 0; i < cal.clocks.size(); ++i) {
+    if (offsets.line_delay[i] >= 0) visit(offsets.line_delay[i], *cal.clocks[i].line_delay_s);
+    if (offsets.time_offset[i] >= 0) visit(offsets.time_offset[i], *cal.clocks[i].time_offset_s);
+  }
+}
+
 }  // namespace
 
 Reduction reduction_of(const SolveSpec& spec, int n_shared) {
@@ -43,6 +58,7 @@ VecX shared_values(const Calibration& cal) {
     x.segment<3>(at) = so3_log(T.R());
     x.segment<3>(at + 3) = T.t();
   });
+  for_each_effect(cal, [&](int at, double value) { x[at] = value; });
   return x;
 }
 
@@ -59,6 +75,9 @@ void set_shared_value(Calibration& cal, int index, double value) {
     Vec3 w = so3_log(T.R()), t = T.t();
     (i < 3 ? w[i] : t[i - 3]) = value;
     T = SE3(i < 3 ? so3_exp(w) : T.R(), t);
+  });
+  for_each_effect(cal, [&](int at, double& number) {
+    if (at == index) number = value;
   });
 }
 

@@ -10,49 +10,15 @@
 #include <cmath>
 #include <utility>
 
+#include "plumbline/rig/motion.hpp"
 #include "refine/block_solve.hpp"
+#include "refine/moving_solve.hpp"
 #include "refine/quiet_log.hpp"
 #include "refine/reprojection_cost.hpp"
 #include "refine/shared_block.hpp"
 #include "refine/sparse_cost.hpp"
 
 namespace plumbline::detail {
-
-bool takes_part(const Calibration& cal, std::size_t v) {
-  return !cal.fits[v].empty() && cal.T_rig_board[cal.data.views[v].frame].has_value();
-}
-
-std::vector<Observation> observations_of(const Calibration& cal, std::size_t v, bool use_sigma) {
-  std::vector<Observation> list;
-  if (!takes_part(cal, v)) return list;
-  const View& view = cal.data.views[v];
-  for (std::size_t i = 0; i < view.corners.size(); ++i) {
-    if (cal.fits[v][i].outlier) continue;
-    const Corner& c = view.corners[i];
-    list.push_back({cal.data.targets[view.target].points[c.point], c.px, use_sigma ? 1.0 / c.sigma_px : 1.0});
-  }
-  return list;
-}
-
-Offsets offsets_of(const Rig& rig) {
-  Offsets o;
-  o.board.push_back(-1);
-  for (const Camera& camera : rig.cameras) {
-    o.lens.push_back(o.total);
-    o.total += n_params(camera.lens);
-  }
-  for (std::size_t i = 0; i < rig.cameras.size(); ++i) {
-    o.pose.push_back(i == 0 ? -1 : o.total);
-    if (i > 0) o.total += 6;
-  }
-  return o;
-}
-
-Offsets offsets_of(const Calibration& cal) {
-  Offsets o = offsets_of(cal.rig);
-  for (std::size_t i = 1; i < cal.data.targets.size(); ++i, o.total += 6) o.board.push_back(o.total);
-  return o;
-}
 
 namespace {
 
@@ -116,6 +82,9 @@ bool all_finite(const Calibration& cal) {
   for (const SE3& T : cal.T_board0_board) {
     if (!finite(T.qt)) return false;
   }
+  for (const auto& bow : cal.bow_m) {
+    if (bow && !bow->allFinite()) return false;
+  }
   return true;
 }
 
@@ -133,6 +102,10 @@ class Blocks {
     for (const Camera& camera : cal.rig.cameras) add(lens_, params(camera.lens));
     for (const SE3& T : cal.rig.T_cam_rig) add(T_cam_rig_, T.qt);
     for (const SE3& T : cal.T_board0_board) add(T_board0_board_, T.qt);
+    for (const auto& bow : cal.bow_m) {
+      const Vec2 b = bow.value_or(Vec2(0, 0));
+      add(bow_, {b.data(), 2});
+    }
     n_shared_ = values_.size();
     for (const auto& T : cal.T_rig_board) {
       if (T)
@@ -148,6 +121,7 @@ class Blocks {
   double* shared() { return values_.data(); }
   int n_shared() const { return static_cast<int>(n_shared_); }
   double* T_board0_board(int target) { return &values_[T_board0_board_[target]]; }
+  double* bow(int target) { return &values_[bow_[target]]; }
 
   void write_to(Calibration& cal) const {
     for (std::size_t i = 0; i < lens_.size(); ++i) {
@@ -157,6 +131,9 @@ class Blocks {
     }
     for (std::size_t i = 0; i < T_board0_board_.size(); ++i)
       std::copy_n(&values_[T_board0_board_[i]], 7, cal.T_board0_board[i].qt.begin());
+    for (std::size_t i = 0; i < bow_.size(); ++i) {
+      if (cal.bow_m[i]) std::copy_n(&values_[bow_[i]], 2, cal.bow_m[i]->data());
+    }
     for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
       if (cal.T_rig_board[f]) std::copy_n(&values_[T_rig_board_[f]], 7, cal.T_rig_board[f]->qt.begin());
     }
@@ -168,7 +145,7 @@ class Blocks {
     values_.insert(values_.end(), block.begin(), block.end());
   }
   std::vector<double> values_;
-  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_;
+  std::vector<std::size_t> lens_, T_cam_rig_, T_board0_board_, T_rig_board_, bow_;
   std::size_t n_shared_ = 0;
 };
 
@@ -206,6 +183,11 @@ void tie_shared(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
       if (!held[i]) column.push_back(reduction.column[at + i]);
     }
   }
+  for (std::size_t i = 0; i < cal.bow_m.size(); ++i) {
+    parts.push_back(std::make_unique<ceres::EuclideanManifold<ceres::DYNAMIC>>(2));
+    const int at = offsets.bow[i];
+    for (int n = 0; n < 2; ++n) column.push_back(at < 0 ? -1 : reduction.column[at + n]);
+  }
   problem.SetManifold(blocks.shared(),
                       make_tied_manifold(std::move(parts), std::move(column), reduction.n_free).release());
 }
@@ -235,6 +217,11 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
     }
     for (int b = 1; b < static_cast<int>(cal.data.targets.size()); ++b)
       add_to_pose(offsets.board[b], blocks.T_board0_board(b));
+    for (int b = 0; b < static_cast<int>(cal.bow_m.size()); ++b) {
+      const int i = prior.index - offsets.bow[b];
+      if (offsets.bow[b] >= 0 && i >= 0 && i < 2)
+        add(make_prior_cost(2, i, prior.value, weight), blocks.bow(b));
+    }
   }
 }
 
@@ -244,20 +231,21 @@ struct ViewBlocks {
   std::vector<std::unique_ptr<ceres::CostFunction>> costs;
   std::vector<double*> parameters;
 };
-ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view,
+ViewBlocks view_blocks(const std::shared_ptr<Lens>& lens, const View& view, bool bowed,
                        std::vector<Observation> observations, Blocks& blocks, const SolveSpec& spec) {
   double *k = blocks.lens(view.cam), *T_rig_board = blocks.T_rig_board(view.frame);
   ViewBlocks list{{}, {k}};
   if (is_sparse(*lens)) {
     for (const Observation& o : observations)
-      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0));
+      list.costs.push_back(make_sparse_cost(lens, {o}, spec.loss, spec.loss_scale, view.target > 0, bowed));
     list.parameters.push_back(k + 4);
   } else {
     list.costs.push_back(
-        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0));
+        make_view_cost(*lens, std::move(observations), spec.loss, spec.loss_scale, view.target > 0, bowed));
   }
   list.parameters.insert(list.parameters.end(), {blocks.T_cam_rig(view.cam), T_rig_board});
   if (view.target > 0) list.parameters.push_back(blocks.T_board0_board(view.target));
+  if (bowed) list.parameters.push_back(blocks.bow(view.target));
   if (!has_ties(spec)) return list;
   std::vector<int> at;
   for (const double* block : list.parameters)
@@ -274,14 +262,17 @@ void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering,
   const bool tied = has_ties(spec);
   std::vector<std::shared_ptr<Lens>> lenses;
   for (const Camera& camera : cal.rig.cameras) lenses.push_back(std::make_shared<Lens>(camera.lens));
-  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false);
+  std::vector<bool> lens_seen(cal.rig.cameras.size(), false), board_seen(cal.data.targets.size(), false),
+      bow_seen(cal.data.targets.size(), false);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
     if (observations.empty()) continue;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
     double* T_rig_board = blocks.T_rig_board(cal.data.views[v].frame);
     n_residuals[cam] += 2 * static_cast<int>(observations.size());
-    ViewBlocks view = view_blocks(lenses[cam], cal.data.views[v], std::move(observations), blocks, spec);
+    const bool bowed = offsets.bow[target] >= 0;
+    ViewBlocks view =
+        view_blocks(lenses[cam], cal.data.views[v], bowed, std::move(observations), blocks, spec);
     for (auto& cost : view.costs) problem.AddResidualBlock(cost.release(), nullptr, view.parameters);
     if (spec.hold_boards)
       problem.SetParameterBlockConstant(T_rig_board);
@@ -293,6 +284,11 @@ void add_views(ceres::Problem& problem, ceres::ParameterBlockOrdering& ordering,
       board_seen[target] = true;
       hold_pose(problem, blocks.T_board0_board(target), offsets.board[target], spec);
       ordering.AddElementToGroup(blocks.T_board0_board(target), 1);
+    }
+    if (bowed && !bow_seen[target]) {
+      bow_seen[target] = true;
+      hold_block(problem, blocks.bow(target), 2, offsets.bow[target], spec);
+      ordering.AddElementToGroup(blocks.bow(target), 1);
     }
     if (lens_seen[cam]) continue;
     lens_seen[cam] = true;
@@ -336,6 +332,7 @@ void add_regularisation(ceres::Problem& problem, const Lens& lens, double* block
 }  // namespace
 
 SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
+  if (has_clocks(cal)) return solve_moving(cal, spec);
   Blocks blocks(cal);
   ceres::Problem problem;
   auto* ordering = new ceres::ParameterBlockOrdering;
@@ -362,30 +359,6 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
   if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
   return solve_blocks(cal, spec);
-}
-
-int evaluate(Calibration& cal) {
-  int n_lost = 0;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    if (!takes_part(cal, v)) continue;
-    const View& view = cal.data.views[v];
-    for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      CornerFit& fit = cal.fits[v][i];
-      const auto px = predict(cal, view, view.corners[i].point);
-      fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
-      if (px) continue;
-      fit.outlier = true;
-      ++n_lost;
-    }
-  }
-  return n_lost;
-}
-
-void hold_cores(const Rig& rig, std::vector<bool>& held) {
-  const Offsets offsets = offsets_of(rig);
-  for (std::size_t cam = 0; cam < rig.cameras.size(); ++cam) {
-    if (holds_core(rig.cameras[cam].lens)) std::fill_n(held.begin() + offsets.lens[cam], 4, true);
-  }
 }
 
 }  // namespace plumbline::detail

@@ -53,6 +53,7 @@ SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
 /// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for
 /// each corner, and the lens' own regularisation (make_prior_cost()), which is then part of the cost.
+/// A calibration with clocks: solve_moving().
 SolveReport solve_ceres(Calibration& calibration, const SolveSpec& spec);
 
 bool takes_part(const Calibration& calibration, std::size_t view);
@@ -64,6 +65,8 @@ std::vector<Observation> observations_of(const Calibration& calibration, std::si
 /// and board[0] = -1: camera 0 and the first board have none.
 struct Offsets {
   std::vector<int> lens, pose, board;
+  std::vector<int> bow = {};                           ///< per target; -1: it is flat
+  std::vector<int> line_delay = {}, time_offset = {};  ///< per camera; -1: it has none
   int total = 0;
 };
 Offsets offsets_of(const Calibration& calibration);

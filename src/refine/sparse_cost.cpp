@@ -30,15 +30,17 @@ constexpr std::size_t kCore = 4;
 class SparseCost final : public ceres::CostFunction {
  public:
   SparseCost(std::shared_ptr<Lens> scratch, std::vector<Observation> observations, Loss loss,
-             double loss_scale, bool further_board)
+             double loss_scale, bool further_board, bool bowed)
       : lens_(std::move(scratch)),
         observations_(std::move(observations)),
         loss_(loss),
         loss_scale_(loss_scale),
-        further_board_(further_board) {
+        further_board_(further_board),
+        bow_block_(bowed ? (further_board ? 5 : 4) : -1) {
     set_num_residuals(static_cast<int>(2 * observations_.size()));
     *mutable_parameter_block_sizes() = {int(kCore), n_params(*lens_) - int(kCore), 7, 7};
     if (further_board) mutable_parameter_block_sizes()->push_back(7);
+    if (bowed) mutable_parameter_block_sizes()->push_back(2);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
@@ -49,12 +51,13 @@ class SparseCost final : public ceres::CostFunction {
     const SE3 T_cam_rig = pose_of(blocks[2]), T_rig_board = pose_of(blocks[3]);
     const SE3 T_board0_board = further_board_ ? pose_of(blocks[4]) : SE3();
     const Mat3 R_cam_rig = T_cam_rig.R(), R_rig_board = T_rig_board.R(), R_further = T_board0_board.R();
+    const Vec2 bow = bow_block_ < 0 ? Vec2(0, 0) : Vec2(blocks[bow_block_][0], blocks[bow_block_][1]);
     const auto n_rows = static_cast<std::size_t>(num_residuals());
     if (jacobians && jacobians[0]) std::fill_n(jacobians[0], n_rows * kCore, 0.0);
     if (jacobians && jacobians[1]) std::fill_n(jacobians[1], n_rows * n_others, 0.0);
     for (std::size_t i = 0; i < observations_.size(); ++i) {
       const Observation& o = observations_[i];
-      const Vec3 turned_further = R_further * o.p_board;
+      const Vec3 turned_further = R_further * (o.p_board + Vec3(0, 0, bow.dot(o.bow_shape)));
       const Vec3 turned_board = R_rig_board * (turned_further + T_board0_board.t());
       const Vec3 turned_rig = R_cam_rig * (turned_board + T_rig_board.t());
       Mat23 J_px_p;
@@ -82,6 +85,9 @@ class SparseCost final : public ceres::CostFunction {
         if (jacobians[3]) write_pose(jacobians[3] + 7 * row, J_r_rig.row(a), turned_board);
         if (further_board_ && jacobians[4])
           write_pose(jacobians[4] + 7 * row, J_r_board0.row(a), turned_further);
+        if (bow_block_ < 0 || !jacobians[bow_block_]) continue;
+        const double lift = J_r_board0.row(a) * R_further.col(2);
+        for (int b = 0; b < 2; ++b) jacobians[bow_block_][2 * row + b] = lift * o.bow_shape[b];
       }
     }
     return true;
@@ -93,6 +99,7 @@ class SparseCost final : public ceres::CostFunction {
   Loss loss_;
   double loss_scale_;
   bool further_board_;
+  int bow_block_;  // -1: flat
 };
 
 class PriorCost final : public ceres::CostFunction {
@@ -121,9 +128,9 @@ class PriorCost final : public ceres::CostFunction {
 
 std::unique_ptr<ceres::CostFunction> make_sparse_cost(std::shared_ptr<Lens> scratch,
                                                       std::vector<Observation> observations, Loss loss,
-                                                      double loss_scale, bool further_board) {
+                                                      double loss_scale, bool further_board, bool bowed) {
   return std::make_unique<SparseCost>(std::move(scratch), std::move(observations), loss, loss_scale,
-                                      further_board);
+                                      further_board, bowed);
 }
 
 std::unique_ptr<ceres::CostFunction> make_prior_cost(const PriorRow& row, int n_params, double scale) {

@@ -8,12 +8,28 @@
 #include <cmath>
 #include <cstdint>
 
+#include "plumbline/rig/motion.hpp"
+
 namespace plumbline {
+
+std::optional<Vec2> bow_of(const Calibration& calibration, int target) {
+  const auto i = static_cast<std::size_t>(target);
+  if (i >= calibration.bow_m.size() || !calibration.data.targets[i].outline) return std::nullopt;
+  return calibration.bow_m[i];
+}
+
+Vec3 board_point(const Calibration& calibration, int target, int point) {
+  const Target& board = calibration.data.targets[target];
+  Vec3 p = board.points[point];
+  if (const auto bow = bow_of(calibration, target)) p.z() += bow->dot(bow_shape(*board.outline, p));
+  return p;
+}
 
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point) {
   const std::optional<SE3>& T_rig_board = calibration.T_rig_board[view.frame];
   if (!T_rig_board) return std::nullopt;
-  Vec3 p_board0 = calibration.data.targets[view.target].points[point];
+  if (has_clocks(calibration)) return predict(calibration, trajectory_of(calibration), view, point);
+  Vec3 p_board0 = board_point(calibration, view.target, point);
   if (view.target > 0) p_board0 = calibration.T_board0_board[view.target] * p_board0;
   const Vec3 p_cam = calibration.rig.T_cam_rig[view.cam] * (*T_rig_board * p_board0);
   return project(calibration.rig.cameras[view.cam].lens, p_cam);
@@ -45,6 +61,16 @@ std::vector<std::string> shared_parameter_names(const Calibration& calibration) 
   std::vector<std::string> names = shared_parameter_names(calibration.rig);
   for (std::size_t i = 1; i < calibration.data.targets.size(); ++i) {
     for (const char* name : kStepNames) names.push_back(calibration.data.targets[i].name + " " + name);
+  }
+  for (std::size_t i = 0; i < calibration.data.targets.size(); ++i) {
+    if (!bow_of(calibration, static_cast<int>(i))) continue;
+    for (const char* name : {"bow_x", "bow_y"})
+      names.push_back(calibration.data.targets[i].name + " " + name);
+  }
+  for (std::size_t i = 0; i < calibration.clocks.size(); ++i) {
+    const std::string& camera = calibration.rig.cameras[i].name;
+    if (calibration.clocks[i].line_delay_s) names.push_back(camera + " line_delay");
+    if (calibration.clocks[i].time_offset_s) names.push_back(camera + " time_offset");
   }
   return names;
 }
@@ -93,6 +119,7 @@ std::string corners_hash(const Dataset& data) {
     add_number(view.cam);
     add_number(view.frame);
     if (view.target > 0) add_number(view.target);
+    if (view.time_s) add_number(*view.time_s);
     for (const Corner& c : view.corners) {
       add_number(c.point);
       add_number(c.px.x());

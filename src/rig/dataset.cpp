@@ -20,6 +20,7 @@ std::optional<std::string> fault_of(const View& view, const Dataset& data) {
     return fmt::format("target index {} of {}", view.target, n_targets);
   const std::size_t n_points = data.targets[view.target].points.size();
   const ImageSize size = data.cameras[view.cam].size;
+  if (view.time_s && !std::isfinite(*view.time_s)) return "its time is not finite";
   int previous = -1;
   for (const Corner& c : view.corners) {
     if (c.point < 0 || c.point >= static_cast<int>(n_points)) {

@@ -200,6 +200,7 @@ Result<Target> make_target(const TargetSpec& spec, std::string name) {
   target.points = *std::move(points);
   target.lattice = lattice_of(spec);
   target.is_planar = planar(target.points);
+  target.outline = outline_of(target.points);
   return target;
 }
 

@@ -68,6 +68,36 @@ TEST(Crosscheck, BothFindTheSameOptimum) {
   EXPECT_THAT(check->notes, testing::IsEmpty());
 }
 
+// A bowed board: mrcal's calobject_warp finds the truth where there is no noise, sign and form included, and
+// our optimum where there is.
+TEST(Crosscheck, TheRefereeFindsTheBow) {
+  Calibration cal = simulated(board(), "opencv5", 2, 0);
+  const Vec2 bow(1e-3, -2e-3);
+  cal.bow_m = {bow};
+  Rng rng(3);
+  for (const double noise_px : {0.0, 0.2}) {
+    for (View& view : cal.data.views) {
+      for (Corner& c : view.corners)
+        c.px = *predict(cal, view, c.point) + Vec2(rng.normal(noise_px), rng.normal(noise_px));
+    }
+    const Calibration ours = noise_px > 0 ? refined(cal) : cal;
+    const auto check = crosscheck_mrcal(ours);
+    ASSERT_TRUE(check) << check.error().text();
+    ASSERT_TRUE(check->bow_m && check->referee_bow_m);
+    if (noise_px > 0) {
+      const Vec2 sigma = ours.covariance->diagonal().tail<2>().cwiseSqrt();
+      const Vec2 difference = *check->bow_m - *check->referee_bow_m;
+      EXPECT_LT(difference.cwiseQuotient(sigma).cwiseAbs().maxCoeff(), 1e-4);  // mrcal stops that far away
+      EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-9);
+      EXPECT_NEAR(check->rms_px, check->referee_rms_from_seed_px, 1e-6);
+    } else {
+      EXPECT_LT((*check->referee_bow_m - bow).norm(), 1e-9);
+      EXPECT_LT(check->referee_rms_px, 1e-6);
+      EXPECT_LT(check->referee_rms_from_seed_px, 1e-4);
+    }
+  }
+}
+
 // The referee must see an error of ours: one pixel of focal length in the answer.
 TEST(Crosscheck, APlantedErrorShows) {
   Calibration cal = refined(simulated(board(), "opencv5", 1, 0.1));

@@ -184,6 +184,37 @@ TEST(Conventions, AprilGridsAreNumberedFromTheBottomLeft) {
   EXPECT_LT((grid->points[24] - Vec3(0, 0.13, 0)).norm(), 1e-15);  // the row above
 }
 
+TEST(Conventions, BowsLiftTheMiddleAlongZ) {
+  Calibration c;
+  c.data.targets = {*make_target(Chessboard{5, 3, 0.025})};
+  c.bow_m = {Vec2(0.003, 0.001)};
+  EXPECT_LT((board_point(c, 0, 0) - Vec3(0, 0, 0)).norm(), 1e-15);                 // a corner
+  EXPECT_LT((board_point(c, 0, 7) - Vec3(0.05, 0.025, 0.004)).norm(), 1e-15);      // the middle
+  EXPECT_LT((board_point(c, 0, 2) - Vec3(0.05, 0, 0.003)).norm(), 1e-15);          // of the upper edge
+  EXPECT_LT((board_point(c, 0, 1) - Vec3(0.025, 0, 0.75 * 0.003)).norm(), 1e-15);  // 1 - (1/2)^2
+}
+
+// A board that moves to the right by 1 m/s, 1 m away, before a lens of 100 px: 100 px/s.
+TEST(Conventions, TimesAreOfTheMiddleRow) {
+  Calibration c;
+  const ImageSize size{640, 481};
+  c.rig = {{{"cam", size, *make_lens("pinhole", size, 100.0)}}, {SE3()}};
+  c.data.cameras = {{"cam", size}};
+  c.data.targets = {*make_target(Chessboard{3, 3, 0.5})};
+  for (int f = 0; f < 5; ++f) {
+    c.data.frames.push_back(std::to_string(f));
+    c.T_rig_board.emplace_back(SE3(Mat3::Identity(), Vec3(0.1 * f, 0, 1)));
+    View view{0, f, "", {{0, Vec2(0, 0), 1}}, ""};
+    view.time_s = 0.1 * f;
+    c.data.views.push_back(view);
+  }
+  const double still = predict(c, c.data.views[2], 3)->x();  // point 3 is half a metre below: row 290
+  c.clocks = {{1e-4, std::nullopt}};
+  EXPECT_NEAR(predict(c, c.data.views[2], 3)->x() - still, 100 * 1e-4 * 50, 1e-9);
+  c.clocks = {{std::nullopt, 0.01}};
+  EXPECT_NEAR(predict(c, c.data.views[2], 3)->x() - still, 100 * 0.01, 1e-9);
+}
+
 TEST(Conventions, RmsIsPerCornerAsInOpenCv) {
   Calibration c;
   c.data.views.resize(1);

@@ -26,13 +26,15 @@ struct Crosscheck {
   std::vector<CameraCrosscheck> cameras;
   double rms_px = 0, referee_rms_px = 0;  ///< the joint solve of all cameras
   double referee_rms_from_seed_px = 0;    ///< mrcal started from our seed instead of our optimum
-  std::vector<std::string> notes;         ///< what could not be compared and why
+  std::optional<Vec2> bow_m,
+      referee_bow_m;               ///< of the board where it is a parameter: ours, mrcal's calobject_warp
+  std::vector<std::string> notes;  ///< what could not be compared and why
 };
 
 /// mrcal 2.2 solves the same inlier corners with the same lens, from a seed and from our optimum, without its
-/// regularisation, outlier rejection and board warp. The seed knows nothing of the optimum: K by Zhang's
-/// method without distortion, board poses from it. A rig's cameras are also solved alone, by refine() and by
-/// mrcal.
+/// regularisation and outlier rejection, with its board warp where the calibration has a bow. The seed knows
+/// nothing of the optimum: K by Zhang's method without distortion, board poses from it. A rig's cameras are
+/// also solved alone, by refine() and by mrcal.
 ///
 /// What mrcal cannot do is said in `notes`, and the figures then mean less: a target without a uniform grid,
 /// or lenses of several kinds in one rig, are not solved but projected by mrcal at our optimum; a lens that

@@ -16,6 +16,14 @@ enum class Solver {
   kCeres    ///< the reference: same optimum, slower
 };
 
+/// Whether something beyond lenses and poses is estimated.
+enum class Estimate {
+  kNo,
+  kYes,
+  kAuto  ///< when it lowers the cost by more than chance would: an F-test with a false-alarm rate of 1 % over
+         ///< all that are tried; stats.effects tells of each
+};
+
 /// What is known of a parameter from elsewhere: ((parameter - value) / sigma)^2 is added to the cost, in
 /// which the corners weigh by their own scatter.
 struct Prior {
@@ -45,7 +53,11 @@ struct RefineOptions {
   bool use_sigma = false;  ///< weight each corner by 1 / sigma_px
   int max_iterations = 200;
   Solver solver = Solver::kBlocks;
-  int n_threads = 0;  ///< <= 0: all cores; results do not depend on it
+  int n_threads = 0;             ///< <= 0: all cores; results do not depend on it
+  Estimate bow = Estimate::kNo;  ///< of each flat board (Calibration::bow_m)
+  /// Of each camera, and of each but the first (Calibration::clocks). Both need times of all views, and frames
+  /// that follow one another as a smooth motion does: kDegenerate says what is missing. kAuto without times: no.
+  Estimate line_delay = Estimate::kNo, time_offset = Estimate::kNo;
 };
 
 /// Calibrates from corners alone: seed (no focal length needed), joint refinement of all lenses, extrinsics

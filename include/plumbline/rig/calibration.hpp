@@ -23,6 +23,17 @@ struct WeakDirection {
   std::string consequence;  ///< one sentence for the user with the number and what to do next
 };
 
+/// An effect that was tried because the caller left it to the data (Estimate::kAuto of refine/refine.hpp).
+struct EffectTry {
+  std::string effect;       ///< "board bow"
+  int n_parameters = 0;     ///< 2 of a bow
+  double f = 0;             ///< F statistic of the rise in cost without it
+  double p_value = 0;       ///< the probability of so large an F by chance
+  double bound = 0;         ///< under which it is kept
+  bool kept = false;        ///< as parameters of the result
+  std::string reason = {};  ///< why it could not be tried; empty where it was
+};
+
 /// A prior and what the corners made of it.
 struct PriorPull {
   std::string parameter;  ///< of shared_parameter_names()
@@ -40,6 +51,7 @@ struct SolveStats {
   std::string termination;  ///< why the solver stopped, one line
   std::vector<WeakDirection> weak;
   std::vector<PriorPull> priors;
+  std::vector<EffectTry> effects = {};
 };
 
 /// How the calibration came to be: enough to run it again. No dates, no absolute paths.
@@ -47,6 +59,13 @@ struct Provenance {
   std::string version;                         ///< of Plumbline
   std::map<std::string, std::string> options;  ///< "lens", "loss", "start", "seed", "outliers", ...
   std::string corners_hash;                    ///< 64-bit FNV-1a of the corners, hexadecimal
+};
+
+/// When the rows of a camera were exposed, beside what its timestamps say: row v of a view at
+/// time_s + time_offset_s + line_delay_s (v - (height - 1) / 2) on the clock of camera 0.
+struct CameraClock {
+  std::optional<double> line_delay_s;   ///< from one row to the next [s]; nullopt: all rows at once
+  std::optional<double> time_offset_s;  ///< nullopt: its clock is camera 0's
 };
 
 /// What the solver knows. `fits` runs parallel to `data.views` and their corners.
@@ -63,10 +82,23 @@ struct Calibration {
   std::optional<MatX> covariance;  ///< of the shared parameters in the order of shared_parameter_names(),
                                    ///< unit noise scaled by the residuals
   Provenance provenance;
+  /// How far each target is bowed, as (b_x, b_y) [m] of bow_shape() (target/bow.hpp); nullopt, or no entry:
+  /// it is taken as flat, and its bow is no parameter.
+  std::vector<std::optional<Vec2>> bow_m;
+  /// Per camera; empty: nothing is known. With any line delay or offset, T_rig_board is a pose at the frame's
+  /// time (rig/motion.hpp), and where the boards were when a row was exposed follows from the frames around it.
+  std::vector<CameraClock> clocks;
 };
 
-/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * T_board0_board * p_board). nullopt
-/// outside the lens' domain or when the view's frame has no pose.
+/// Where a point of a target is in the target's own frame [m]: as printed, and bowed where a bow is known.
+Vec3 board_point(const Calibration& calibration, int target, int point);
+
+/// The bow of a target, where it is a parameter.
+std::optional<Vec2> bow_of(const Calibration& calibration, int target);
+
+/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * T_board0_board * p_board), with p_board of
+/// board_point(), and T_rig_board at the time of the row where the point appears when the calibration has
+/// clocks. nullopt outside the lens' domain or when the view's frame has no pose (with clocks: no motion).
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point);
 
 /// T_rig_board * T_board0_board of a view: where its board stood in its frame. nullopt when the frame has no
@@ -75,9 +107,11 @@ std::optional<SE3> board_pose(const Calibration& calibration, const View& view);
 
 /// "left fx", ..., "right r_x", "right t_x", ..., "board2 r_x", ...: lens parameters of each camera, then the
 /// six numbers [rotation rad | translation m] of each T_cam_rig but the first, then those of each
-/// T_board0_board but the first; the order of every vector over the shared parameters.
+/// T_board0_board but the first, then "board bow_x", "board bow_y" [m] of each target that has a bow, then
+/// "left line_delay" [s], "right time_offset" [s] of each camera that has them; the order of every vector over
+/// the shared parameters.
 std::vector<std::string> shared_parameter_names(const Calibration& calibration);
-/// The same for a calibration of one board.
+/// The same for a calibration of one flat board.
 std::vector<std::string> shared_parameter_names(const Rig& rig);
 
 /// rms_px over the inlier corners of one camera, or of one view; 0 when there are none.

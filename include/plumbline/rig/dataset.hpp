@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,7 @@ struct View {
   std::vector<Corner> corners;  ///< ascending by point, each at most once; empty when nothing was found
   std::string reason;           ///< why there are no corners; empty when there are
   int target = 0;               ///< index into Dataset::targets
+  std::optional<double> time_s = std::nullopt;  ///< by its camera's clock [s], when its middle row was exposed
 };
 
 struct CameraInfo {

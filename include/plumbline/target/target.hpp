@@ -9,6 +9,7 @@
 #include "plumbline/core/result.hpp"
 #include "plumbline/core/types.hpp"
 #include "plumbline/geometry/se3.hpp"
+#include "plumbline/target/bow.hpp"
 
 /// What was printed: the points of a target in its own frame, and how to recognise them.
 ///
@@ -116,6 +117,7 @@ struct Target {
   std::vector<Vec3> points;        ///< [m] target frame; the index IS the point id
   std::optional<Lattice> lattice;  ///< absent when the points are not a uniform grid
   bool is_planar = true;           ///< all points in one plane to 1e-9 of their extent
+  std::optional<Outline> outline;  ///< outline_of(points)
 };
 
 /// Points of a spec. kInvalidData names the field: fewer than 2 rows or columns, sizes not positive or not
