@@ -12,6 +12,7 @@
 
 #include "refine/block_solve.hpp"
 #include "refine/quiet_log.hpp"
+#include "refine/radial_guard.hpp"
 #include "refine/reprojection_cost.hpp"
 #include "refine/shared_block.hpp"
 #include "refine/sparse_cost.hpp"
@@ -238,6 +239,20 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
+// A guard of a camera that no view of the problem shows is left out.
+void add_guards(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  for (const RadialGuard& guard : spec.guards) {
+    auto cost = make_radial_guard(cal.rig.cameras[guard.cam].lens, guard);
+    double* block = blocks.lens(guard.cam);
+    if (cost && has_ties(spec)) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (cost && problem.HasParameterBlock(block)) {
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
+  }
+}
+
 // What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
 // derivatives has a cost for each corner, and its core in a block of its own.
 struct ViewBlocks {
@@ -352,6 +367,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   add_priors(problem, blocks, cal, spec);
+  add_guards(problem, blocks, cal, spec);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -360,7 +376,8 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
-  if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
+  if (spec.solver == Solver::kCeres || !spec.guards.empty() || !block_solver_can(cal, spec))
+    return solve_ceres(cal, spec);
   return solve_blocks(cal, spec);
 }
 
@@ -369,9 +386,15 @@ int evaluate(Calibration& cal) {
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
+    // predict(), with the view's motion put together once.
+    const SE3 T_cam_board = cal.rig.T_cam_rig[view.cam] * *board_pose(cal, view);
+    const Mat3 R = T_cam_board.R();
+    const Vec3 t = T_cam_board.t();
+    const Lens& lens = cal.rig.cameras[view.cam].lens;
+    const std::vector<Vec3>& p_board = cal.data.targets[view.target].points;
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       CornerFit& fit = cal.fits[v][i];
-      const auto px = predict(cal, view, view.corners[i].point);
+      const auto px = project(lens, R * p_board[view.corners[i].point] + t);
       fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
       if (px) continue;
       fit.outlier = true;
