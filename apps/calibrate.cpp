@@ -93,7 +93,8 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   add_start_options(app, o->start);
   app.add_option(
       "--lens", o->lens,
-      "one lens for all cameras, or left=opencv8,right=kb4 (default: opencv5, or those of the start)");
+      "one lens for all cameras, or left=opencv8,right=kb4; auto: the one that predicts views left out best "
+      "(default: opencv5, or those of the start)");
   app.add_option("--loss", o->loss, "squared, huber or cauchy")
       ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
   app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")->check(positive());

@@ -165,7 +165,7 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
     if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made)
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made && lens != "auto")
       usage_error("--lens: " + made.error().message);
     lenses.push_back(lens);
   }

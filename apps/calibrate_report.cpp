@@ -3,9 +3,12 @@
 
 #include <fmt/format.h>
 
+#include <numbers>
+
 #include "calibrate_effects.hpp"
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/lens/lens.hpp"
+#include "plumbline/rig/validity.hpp"
 
 namespace plumbline::apps {
 namespace {
@@ -23,18 +26,11 @@ int images_of(const Calibration& c, int cam) {
   return n;
 }
 
-// Share of the image that the lens can unproject: below 1 where its domain ends inside the picture.
-double domain_fraction(const Camera& camera) {
-  constexpr int kColumns = 40, kRows = 30;
-  int n = 0;
-  for (int r = 0; r < kRows; ++r) {
-    for (int c = 0; c < kColumns; ++c) {
-      const Vec2 px(c * (camera.size.width - 1.0) / (kColumns - 1),
-                    r * (camera.size.height - 1.0) / (kRows - 1));
-      n += unproject(camera.lens, px).has_value();
-    }
-  }
-  return double(n) / (kColumns * kRows);
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+Json json_of_validity(const Camera& camera) {
+  if (!camera.validity) return nullptr;
+  return {{"angle_deg", camera.validity->angle_rad * kDegPerRad}, {"radius_px", camera.validity->radius_px}};
 }
 
 Json json_of_cameras(const Calibration& c) {
@@ -53,7 +49,8 @@ Json json_of_cameras(const Calibration& c) {
                        {"rms_px", camera_rms_px(c, cam)},
                        {"views_used", views_used(c, cam)},
                        {"images", images_of(c, cam)},
-                       {"domain_fraction", domain_fraction(camera)}});
+                       {"domain_fraction", domain_fraction(camera)},
+                       {"validity", json_of_validity(camera)}});
   }
   return cameras;
 }
@@ -137,12 +134,56 @@ std::string text_of_camera_matrices(const Calibration& c) {
   return text;
 }
 
+// An image in which this board was looked for and not found, but another one was used: nothing to report.
+bool shows_another_board(const Calibration& c, std::size_t v) {
+  const View& view = c.data.views[v];
+  if (c.data.targets.size() == 1 || !view.corners.empty()) return false;
+  for (std::size_t other = 0; other < c.data.views.size(); ++other) {
+    const View& o = c.data.views[other];
+    if (o.cam == view.cam && o.frame == view.frame && c.view_reason[other].empty()) return true;
+  }
+  return false;
+}
+
 std::string text_of_pose(const std::string& of, const std::string& from, const SE3& T) {
-  const Vec3 w_deg = so3_log(T.R()) * (180 / 3.14159265358979323846);
+  const Vec3 w_deg = so3_log(T.R()) * kDegPerRad;
   return fmt::format(
       "{} from {}: rotation vector ({:.4f}, {:.4f}, {:.4f}) deg, translation ({:.6f}, {:.6f}, {:.6f}) m, "
       "distance {:.6f} m\n",
       of, from, w_deg.x(), w_deg.y(), w_deg.z(), T.t().x(), T.t().y(), T.t().z(), T.t().norm());
+}
+
+Json json_of_tries(const std::vector<LensTry>& tries) {
+  Json list = Json::array();
+  for (const LensTry& t : tries) {
+    Json row{{"camera", t.camera}, {"lens", t.lens}, {"parameters", t.n_params}, {"chosen", t.chosen}};
+    const bool fitted = t.rms_px > 0, compared = t.held_out_px > 0;
+    row["rms_px"] = fitted ? Json(t.rms_px) : Json(nullptr);
+    row["held_out_px"] = compared ? Json(t.held_out_px) : Json(nullptr);
+    row["excess"] = compared ? Json(t.excess) : Json(nullptr);
+    row["excess_sigma"] = compared ? Json(t.excess_sigma) : Json(nullptr);
+    row["reason"] = t.reason.empty() ? Json(nullptr) : Json(t.reason);
+    list.push_back(row);
+  }
+  return list;
+}
+
+std::string text_of_tries(const std::vector<LensTry>& tries) {
+  std::string text, camera;
+  for (const LensTry& t : tries) {
+    if (t.camera != camera || text.empty())
+      text += fmt::format("{}: lenses tried (error on views left out; how much more of it than the best)\n",
+                          t.camera);
+    camera = t.camera;
+    text += fmt::format("{} {:<9} {:>2} parameters  ", t.chosen ? " *" : "  ", t.lens, t.n_params);
+    if (t.rms_px > 0) text += fmt::format("rms {:.4f} px  ", t.rms_px);
+    if (t.held_out_px > 0) {
+      text += fmt::format("left out {:.4f} px  {:+.2f} % +- {:.2f} %", t.held_out_px, 100 * t.excess,
+                          100 * t.excess_sigma);
+    }
+    text += t.reason + "\n";
+  }
+  return text;
 }
 
 }  // namespace
@@ -170,6 +211,7 @@ Json json_of_calibration(const Calibration& c) {
     json["weak"].push_back(
         {{"parameters", w.parameters}, {"sigma", w.sigma}, {"consequence", w.consequence}});
   }
+  if (!c.provenance.lens_tries.empty()) json["lens_tries"] = json_of_tries(c.provenance.lens_tries);
   for (const PriorPull& p : c.stats.priors) {
     json["priors"].push_back(
         {{"parameter", p.parameter}, {"value", p.value}, {"sigma", p.sigma}, {"pull_sigmas", p.pull_sigmas}});
@@ -180,7 +222,7 @@ Json json_of_calibration(const Calibration& c) {
 }
 
 std::string text_of_calibration(const Calibration& c) {
-  std::string text;
+  std::string text = text_of_tries(c.provenance.lens_tries);
   int k = 0;  // index into the covariance
   for (std::size_t i = 0; i < c.rig.cameras.size(); ++i) {
     const Camera& camera = c.rig.cameras[i];
@@ -211,15 +253,26 @@ std::string text_of_calibration(const Calibration& c) {
   text += text_of_effects(c);
   for (const Camera& camera : c.rig.cameras) {
     const double fraction = domain_fraction(camera);
-    if (fraction == 1) continue;
-    text += fmt::format(
-        "{}: the lens says nothing about {:.1f} % of the image: its domain ends inside the picture\n",
-        camera.name, 100 * (1 - fraction));
+    if (camera.validity) {
+      text += fmt::format(
+          "{}: the calibration holds up to {:.2f} degrees from the axis, {:.0f} px from the centre; {:.1f} % "
+          "of "
+          "the image lies beyond\n",
+          camera.name, camera.validity->angle_rad * kDegPerRad, camera.validity->radius_px,
+          100 * (1 - fraction));
+    } else if (fraction < 1) {
+      text += fmt::format(
+          "{}: the lens says nothing about {:.1f} % of the image: its domain ends inside the picture\n",
+          camera.name, 100 * (1 - fraction));
+    }
   }
   if (shows_camera_matrix(c)) text += text_of_camera_matrices(c);
   for (std::size_t v = 0; v < c.data.views.size(); ++v) {
-    if (!c.view_reason[v].empty())
-      text += fmt::format("not used: {}: {}\n", c.data.views[v].image, c.view_reason[v]);
+    if (c.view_reason[v].empty() || shows_another_board(c, v)) continue;
+    const View& view = c.data.views[v];
+    text += fmt::format("not used: {}{}: {}\n", view.image,
+                        c.data.targets.size() > 1 ? ", " + c.data.targets[view.target].name : "",
+                        c.view_reason[v]);
   }
   if (!c.data.detector.empty()) text += c.data.detector + "\n";
   text += fmt::format(

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 
 #include "plumbline/core/text.hpp"
@@ -33,7 +34,10 @@ Prior parse_prior(const std::string& text) {
 
 Result<std::vector<std::string>> lenses_for(const std::string& lens, const std::vector<CameraInfo>& cameras) {
   if (lens.empty()) return std::vector<std::string>{};
-  return parse_lenses(lens, cameras);
+  auto lenses = parse_lenses(lens, cameras);
+  if (lenses && std::find(lenses->begin(), lenses->end(), "auto") != lenses->end())
+    usage_error("--lens auto chooses from corners alone; with a start, name the lens or leave --lens away");
+  return lenses;
 }
 
 Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,

@@ -58,7 +58,7 @@ Result<int> run(const Options& o, const Common& common) {
     text += fmt::format("{}: difference over the image {:.6g} px rms, {:.6g} p95, {:.6g} max{}\n",
                         a->cameras[i].name, diff->rms, diff->p95, diff->max,
                         diff->compared_fraction < 1
-                            ? fmt::format(" (over {:.1f} % of it: beyond, a lens says nothing)",
+                            ? fmt::format(" (over {:.1f} % of it: beyond, a calibration says nothing)",
                                           100 * diff->compared_fraction)
                             : std::string());
     if (diff->max >= worst.max) worst = *diff;

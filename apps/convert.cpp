@@ -60,6 +60,15 @@ Result<int> run(const Options& o, const Common& common) {
       note = "without a rectification: " + rectified.error().message + "\n";
     if (rectification) options.rectification = &*rectification;
   }
+  if (Status fit = check_folds(*format, *rig); !fit) {
+    if (!common.force) {
+      Error error = fit.error();
+      error.message += "; --force writes it nevertheless";
+      return error;
+    }
+    fmt::print(stderr, "plumbline convert: WARNING: {}\n", fit.error().text());
+    note += "warning: " + fit.error().text() + "\n";
+  }
   auto files = format->write(*rig, options);
   if (!files) return files.error();
   if (files->size() > 1 && fs::path(o.output).has_extension() && !fs::is_directory(o.output)) {
@@ -67,6 +76,7 @@ Result<int> run(const Options& o, const Common& common) {
   }
   if (Status s = write_all(o, common, *files); !s) return s.error();
   Json json{{"format", format->name}, {"files", Json::array()}};
+  if (!note.empty()) json["notes"] = note;
   std::string text = note;
   for (const NamedBytes& file : *files) {
     const std::string path =

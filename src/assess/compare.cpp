@@ -8,6 +8,7 @@
 
 #include "plumbline/core/linalg.hpp"
 #include "plumbline/geometry/so3.hpp"
+#include "plumbline/rig/validity.hpp"
 
 namespace plumbline {
 namespace {
@@ -26,7 +27,7 @@ std::vector<Sample> samples_of(const Camera& a, double distance_m,
     for (int col = 0; col < kColumns; ++col) {
       const Vec2 px(col * (a.size.width - 1.0) / (kColumns - 1), row * (a.size.height - 1.0) / (kRows - 1));
       if (wanted && !wanted(px)) continue;
-      if (const auto ray = unproject(a.lens, px)) samples.push_back({px, distance_m * *ray});
+      if (const auto ray = unproject(a, px)) samples.push_back({px, distance_m * *ray});
     }
   }
   return samples;
@@ -97,7 +98,7 @@ Result<DiffPx> compare_cameras(const Camera& a, const Camera& b, Align align, do
                  a.name == b.name ? "camera " + a.name : "cameras " + a.name + " and " + b.name};
   }
   return compare_projection(
-      a, [&b](const Vec3& p, Mat23* J) { return project(b.lens, p, J); }, align, distance_m);
+      a, [&b](const Vec3& p, Mat23* J) { return project(b, p, J); }, align, distance_m);
 }
 
 Result<DiffPx> compare_projection(const Camera& a, const Projection& b, Align align, double distance_m,

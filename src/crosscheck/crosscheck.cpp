@@ -324,6 +324,11 @@ void note_options(const Calibration& cal, std::vector<std::string>& notes) {
   if (const auto fixed = options.find("fixed"); fixed != options.end() && !fixed->second.empty()) {
     notes.push_back("held in the calibration and free for mrcal: " + fixed->second);
   }
+  if (const auto held = options.find("held_monotonic"); held != options.end()) {
+    notes.push_back(
+        "the lens of " + held->second +
+        " was held to a map that rises over the picture, mrcal's is free: they differ beyond the corners");
+  }
   if (const auto loss = options.find("loss"); loss != options.end() && loss->second != "squared") {
     notes.push_back("the calibration used the loss '" + loss->second +
                     "', mrcal squares: the optima differ by that");

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <iterator>
+#include <numbers>
 
 #include "io/dataset_yaml.hpp"
 #include "io/effects_yaml.hpp"
@@ -86,15 +87,35 @@ void write_provenance(std::string& out, const Provenance& provenance) {
   if (!provenance.options.empty()) out += "  options:\n";
   for (const auto& [key, value] : provenance.options)
     append(out, "    {}: {}\n", yaml_text(key), yaml_text(value));
+  if (!provenance.lens_tries.empty()) out += "  lens_tries:\n";
+  for (const LensTry& t : provenance.lens_tries) {
+    append(out, "    - {{camera: {}, lens: {}, parameters: {}, rms_px: {}, held_out_px: {}, excess: {}, ",
+           yaml_text(t.camera), yaml_text(t.lens), t.n_params, number_text(t.rms_px),
+           number_text(t.held_out_px), number_text(t.excess));
+    append(out, "excess_sigma: {}, chosen: {}, reason: {}}}\n", number_text(t.excess_sigma), yes_no(t.chosen),
+           yaml_text(t.reason));
+  }
+}
+
+LensTry read_try(const Field& field) {
+  field.only({"camera", "lens", "parameters", "rms_px", "held_out_px", "excess", "excess_sigma", "chosen",
+              "reason"});
+  return {
+      field.at("camera").text(),         field.at("lens").text(),          field.at("parameters").integer(),
+      field.at("rms_px").number(),       field.at("held_out_px").number(), field.at("excess").number(),
+      field.at("excess_sigma").number(), field.at("chosen").boolean(),     field.at("reason").text()};
 }
 
 Provenance read_provenance(const Field& field) {
-  field.only({"version", "corners_hash", "options"});
+  field.only({"version", "corners_hash", "options", "lens_tries"});
   Provenance provenance;
   if (const auto version = field.find("version")) provenance.version = version->text();
   if (const auto hash = field.find("corners_hash")) provenance.corners_hash = hash->text();
   if (const auto options = field.find("options")) {
     for (const auto& [key, value] : options->entries()) provenance.options[key] = value.text();
+  }
+  if (const auto tries = field.find("lens_tries")) {
+    for (const Field& t : tries->items()) provenance.lens_tries.push_back(read_try(t));
   }
   return provenance;
 }
@@ -123,8 +144,11 @@ void write_view(std::string& out, const Calibration& calibration, std::size_t v)
     write_corner(out, view.corners[i]);
     if (fitted) {
       const CornerFit& fit = calibration.fits[v][i];
-      append(out, " {} {} {}", number_text(fit.residual_px.x()), number_text(fit.residual_px.y()),
-             fit.outlier ? 1 : 0);
+      for (double value : fit.residual_px) {
+        out += ' ';
+        append_number(out, value);
+      }
+      out += fit.outlier ? " 1" : " 0";
     }
     out += '\n';
   }
@@ -142,7 +166,7 @@ void read_view(const Field& field, const Names& cameras, Calibration& calibratio
   if (const auto time = field.find("time_s")) view.time_s = time->number();
   const auto unused = field.find("unused");
   if (const auto block = field.find("corners")) {
-    for_each_row(block->text(), [&](int line, const auto& words) {
+    for_each_row(*block, [&](int line, const auto& words) {
       const bool fitted = words.size() == 7;
       if ((!fitted && words.size() != 4) || (!view.corners.empty() && fitted == fits.empty())) {
         block->fail(fmt::format(
@@ -251,7 +275,7 @@ void write_covariance(std::string& out, const MatX& covariance, bool several_boa
     out += "  ";
     for (Eigen::Index c = 0; c < covariance.cols(); ++c) {
       if (c > 0) out += ' ';
-      out += number_text(covariance(r, c));
+      append_number(out, covariance(r, c));
     }
     out += '\n';
   }
@@ -260,7 +284,7 @@ void write_covariance(std::string& out, const MatX& covariance, bool several_boa
 MatX read_covariance(const Field& block, const Calibration& calibration) {
   const auto n = static_cast<Eigen::Index>(shared_parameter_names(calibration).size());
   std::vector<double> values;
-  for_each_row(block.text(), [&](int line, const auto& words) {
+  for_each_row(block, [&](int line, const auto& words) {
     if (static_cast<Eigen::Index>(words.size()) != n) {
       block.fail(fmt::format("row {}: {} numbers are needed, there are {}", line, n, words.size()));
     }
@@ -312,8 +336,20 @@ Result<Calibration> read_calibration(const Field& root, std::string_view whole_t
 
 }  // namespace
 
+namespace {
+Validity read_validity(const Field& field) {
+  field.only({"angle_rad", "radius_px"});
+  const Field angle = field.at("angle_rad"), radius = field.at("radius_px");
+  const Validity validity{angle.number(), radius.number()};
+  if (!(validity.angle_rad > 0 && validity.angle_rad <= std::numbers::pi))
+    angle.fail(fmt::format("{} is not an angle from the axis within 0 to pi", validity.angle_rad));
+  if (!(validity.radius_px >= 0)) radius.fail(fmt::format("a radius of {} px", validity.radius_px));
+  return validity;
+}
+}  // namespace
+
 Camera read_camera(const Field& field) {
-  field.only({"name", "width", "height", "lens", "parameters"});
+  field.only({"name", "width", "height", "lens", "parameters", "validity"});
   const Field parameters = field.at("parameters");
   const std::string lens = field.at("lens").text();
   const ImageSize size{field.at("width").integer(1, 1'000'000), field.at("height").integer(1, 1'000'000)};
@@ -326,7 +362,9 @@ Camera read_camera(const Field& field) {
       value.fail(fmt::format("lens {} has no parameter '{}'", lens, key.substr(0, 40)));
     }
   }
-  return {field.at("name").text(), size, value_or_throw(make_lens(lens, values), parameters)};
+  Camera camera{field.at("name").text(), size, value_or_throw(make_lens(lens, values), parameters)};
+  if (const auto validity = field.find("validity")) camera.validity = read_validity(*validity);
+  return camera;
 }
 
 Rig read_rig_fields(const Field& root) {
@@ -360,6 +398,10 @@ void write_rig_fields(std::string& out, const Rig& rig) {
     const auto values = params(camera.lens);
     for (std::size_t i = 0; i < names.size(); ++i)
       append(out, "      {}: {}\n", names[i], number_text(values[i]));
+    if (camera.validity) {
+      append(out, "    validity:\n      angle_rad: {}\n      radius_px: {}\n",
+             number_text(camera.validity->angle_rad), number_text(camera.validity->radius_px));
+    }
   }
   out += "T_cam_rig:\n";
   for (std::size_t i = 0; i < rig.cameras.size(); ++i) {

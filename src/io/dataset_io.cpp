@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <iterator>
 #include <set>
@@ -37,12 +38,12 @@ Corner read_corner(const Field& block, int line, const std::vector<std::string_v
 }
 
 void write_corner(std::string& out, const Corner& corner) {
-  fmt::format_to(std::back_inserter(out), "{} ", corner.point);
-  out += number_text(corner.px.x());
-  out += ' ';
-  out += number_text(corner.px.y());
-  out += ' ';
-  out += number_text(corner.sigma_px);
+  char point[16];
+  out.append(point, std::to_chars(point, point + sizeof point, corner.point).ptr);
+  for (double value : {corner.px.x(), corner.px.y(), corner.sigma_px}) {
+    out += ' ';
+    append_number(out, value);
+  }
 }
 
 void check_version(const Field& root, std::string_view key, int newest) {
@@ -155,7 +156,7 @@ View read_view(const Field& field, const std::vector<std::string>& cameras,
   if (const auto reason = field.find("reason")) view.reason = reason->text();
   if (const auto time = field.find("time_s")) view.time_s = time->number();
   if (const auto block = field.find("corners")) {
-    for_each_row(block->text(), [&](int line, const auto& words) {
+    for_each_row(*block, [&](int line, const auto& words) {
       if (words.size() != 4) block->fail(fmt::format("row {}: 'point x y sigma' is needed", line));
       view.corners.push_back(read_corner(*block, line, words));
     });

@@ -32,6 +32,22 @@ void for_each_row(std::string_view block, Row&& row) {
   }
 }
 
+/// The same for a field: a block of text, or a list of lists ([[0, 12.5, 7.25, 1], ...]), as people and
+/// scripts write it.
+template <class Row>
+void for_each_row(const Field& field, Row&& row) {
+  if (!field.is_sequence()) {
+    for_each_row(field.scalar(), row);
+    return;
+  }
+  int line = 0;
+  for (const Field& item : field.items()) {
+    std::vector<std::string_view> words;
+    for (const Field& word : item.items()) words.push_back(word.scalar());
+    row(++line, words);
+  }
+}
+
 /// "point x y sigma" of a line; fails with the number of the line within the block.
 Corner read_corner(const Field& block, int line, const std::vector<std::string_view>& words);
 double read_word(const Field& block, int line, std::string_view word);

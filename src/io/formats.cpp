@@ -5,10 +5,12 @@
 
 #include <algorithm>
 #include <array>
+#include <numbers>
 #include <set>
 
 #include "io/formats/common.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/validity.hpp"
 
 namespace plumbline {
 namespace {
@@ -73,6 +75,25 @@ bool poses_known(const Rig& rig) {
     }
   }
   return true;
+}
+
+Status check_folds(const Format& format, const Rig& rig) {
+  if (format.carries_validity) return {};
+  for (const Camera& camera : rig.cameras) {
+    if (!folds_in_image(camera)) continue;
+    const Validity at = camera.validity ? *camera.validity : validity_of(camera.lens, std::numbers::pi);
+    std::vector<std::string> able;
+    for (const Format* f : kFormats) {
+      if (f->carries_validity) able.emplace_back(f->name);
+    }
+    return Error{
+        ErrorCode::kUnsupported,
+        fmt::format("lens {} turns back inside the picture and holds up to {:.0f} px from its centre "
+                    "only, which format {} cannot say; {} can",
+                    lens_name(camera.lens), at.radius_px, format.name, join(able, ", ")),
+        "camera " + camera.name};
+  }
+  return {};
 }
 
 Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name) {

@@ -8,11 +8,13 @@
 #include <yaml-cpp/parser.h>
 
 #include <algorithm>
+#include <charconv>
 #include <istream>
 #include <numeric>
 #include <streambuf>
 #include <unordered_set>
 
+#include "io/yaml_blocks.hpp"
 #include "plumbline/core/text.hpp"
 
 namespace plumbline::io {
@@ -30,7 +32,11 @@ struct Refused {
 /// refusing here also bounds its recursion; its own node type would cost more time and has no such limits.
 class Builder : public YAML::EventHandler {
  public:
-  explicit Builder(YamlNode& root) : root_(root) {}
+  /// \param blocks  what stands for scalars with the tag of a lifted block; may be null
+  explicit Builder(YamlNode& root, std::vector<std::string>* blocks = nullptr)
+      : root_(root), blocks_(blocks) {}
+
+  bool used_all_blocks() const { return !blocks_ || n_blocks_ == blocks_->size(); }
 
   void OnDocumentStart(const YAML::Mark&) override {}
   void OnDocumentEnd() override {}
@@ -38,9 +44,14 @@ class Builder : public YAML::EventHandler {
   void OnAlias(const YAML::Mark& mark, YAML::anchor_t) override {
     throw Refused{"aliases (*name) are not read; write the value itself", mark.line + 1};
   }
-  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t,
+  void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t,
                 const std::string& text) override {
-    if (expects_key()) {
+    if (blocks_ && tag == kBlockTag) {
+      const auto index = parse_int(text);
+      if (!index || static_cast<std::size_t>(*index) != n_blocks_ || n_blocks_ >= blocks_->size())
+        throw Refused{"a block that is none", mark.line + 1};  // the text is then read as it is
+      value(mark, YamlNode::Kind::kScalar, {}).scalar = std::move((*blocks_)[n_blocks_++]);
+    } else if (expects_key()) {
       stack_.back().key_seen = true;
       if (!stack_.back().known.insert(text).second)
         throw Refused{"the key '" + text + "' is there twice", mark.line + 1};
@@ -94,6 +105,8 @@ class Builder : public YAML::EventHandler {
   }
 
   YamlNode& root_;
+  std::vector<std::string>* blocks_;
+  std::size_t n_blocks_ = 0;
   std::vector<Open> stack_;
   std::size_t n_nodes_ = 0;
 };
@@ -120,6 +133,29 @@ Error parse_error(const std::string& message, int line) {
   return {ErrorCode::kParse, message, line > 0 ? fmt::format("line {}", line) : ""};
 }
 
+Result<std::unique_ptr<YamlNode>> parse_document(std::string_view text, std::vector<std::string>* blocks,
+                                                 bool& used_all) {
+  auto root = std::make_unique<YamlNode>();
+  try {
+    ViewBuffer buffer(text);
+    std::istream stream(&buffer);
+    YAML::Parser parser(stream);
+    Builder builder(*root, blocks);
+    if (!parser.HandleNextDocument(builder)) return parse_error("there is nothing in the file", 0);
+    used_all = builder.used_all_blocks();
+    YamlNode second;
+    Builder rest(second);
+    if (parser.HandleNextDocument(rest))
+      return parse_error("a second document ('---') follows the first", second.line);
+  } catch (const Refused& refused) {
+    return parse_error(refused.message, refused.line);
+  } catch (const YAML::Exception& failed) {
+    return parse_error("not YAML: " + failed.msg, failed.mark.line + 1);
+  }
+  set_parents(*root);
+  return root;
+}
+
 }  // namespace
 
 void set_parents(YamlNode& node) {
@@ -136,24 +172,16 @@ Result<std::unique_ptr<YamlNode>> parse_yaml(std::string_view text) {
     const auto line = std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(zero), '\n');
     return parse_error("this is not text (a zero byte)", static_cast<int>(line) + 1);
   }
-  auto root = std::make_unique<YamlNode>();
-  try {
-    ViewBuffer buffer(without_directive(text));
-    std::istream stream(&buffer);
-    YAML::Parser parser(stream);
-    Builder builder(*root);
-    if (!parser.HandleNextDocument(builder)) return parse_error("there is nothing in the file", 0);
-    YamlNode second;
-    Builder rest(second);
-    if (parser.HandleNextDocument(rest))
-      return parse_error("a second document ('---') follows the first", second.line);
-  } catch (const Refused& refused) {
-    return parse_error(refused.message, refused.line);
-  } catch (const YAML::Exception& failed) {
-    return parse_error("not YAML: " + failed.msg, failed.mark.line + 1);
+  const std::string_view body = without_directive(text);
+  // Numbers in blocks go around the parser where it agrees that they are blocks; all errors are those of the
+  // text itself.
+  if (auto lifted = lift_blocks(body)) {
+    bool used_all = false;
+    auto root = parse_document(lifted->text, &lifted->blocks, used_all);
+    if (root && used_all) return root;
   }
-  set_parents(*root);
-  return root;
+  bool ignored = false;
+  return parse_document(body, nullptr, ignored);
 }
 
 std::string Field::path() const {
@@ -202,10 +230,12 @@ std::vector<Field> Field::items() const {
   return {node_->items.begin(), node_->items.end()};
 }
 
-std::string Field::text() const {
+std::string_view Field::scalar() const {
   if (node_->kind != YamlNode::Kind::kScalar) fail("one value is needed");
   return node_->scalar;
 }
+
+std::string Field::text() const { return std::string(scalar()); }
 
 double Field::number() const {
   const std::string word = text();
@@ -314,6 +344,12 @@ std::string yaml_text(std::string_view text) {
 }
 
 std::string number_text(double value) { return format_double(value == 0 ? 0.0 : value); }
+
+void append_number(std::string& out, double value) {
+  char buffer[32];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value == 0 ? 0.0 : value).ptr;
+  out.append(buffer, end);
+}
 
 std::string yaml_numbers(const double* values, std::size_t n) {
   std::string text = "[";

@@ -61,7 +61,8 @@ class Field {
   std::vector<Field> items() const;
 
   std::string text() const;
-  double number() const;  ///< finite
+  std::string_view scalar() const;  ///< the same without a copy; lives as long as the tree
+  double number() const;            ///< finite
   int integer() const;
   int integer(int low, int high) const;
   bool boolean() const;  ///< true, false, 1, 0
@@ -124,6 +125,9 @@ std::string yaml_text(std::string_view text);
 /// A number as all files of this module have it: 17 digits, and no negative zero, which says nothing to a
 /// reader and makes files differ that mean the same.
 std::string number_text(double value);
+/// The shortest text that reads back as the same double, at the end of `out`: for the thousands of numbers of
+/// a block, where it takes a third of the time and of the room. No negative zero.
+void append_number(std::string& out, double value);
 /// "[1, 2, 3]" with 17 digits.
 std::string yaml_numbers(const double* values, std::size_t n);
 template <class Vector>

@@ -6,11 +6,12 @@
 #include <opencv2/imgproc.hpp>
 
 #include "plumbline/core/parallel.hpp"
+#include "plumbline/rig/validity.hpp"
 
 // A map is smooth: the lens is evaluated at the nodes of a grid of kTile pixels, and inside a tile the map is
 // the bicubic polynomial through its 4 x 4 nodes (Lagrange). Each tile is compared with the lens in its
 // middle, where the error is largest; a tile that is off by more than kTolerance_px, or touches the end of
-// the lens' domain, is evaluated pixel by pixel instead.
+// the lens' domain or of the camera's validity, is evaluated pixel by pixel instead.
 namespace plumbline {
 namespace {
 
@@ -24,7 +25,7 @@ struct Mapping {
 
   // NaN where the lens says nothing.
   Vec2 at(double col, double row) const {
-    const auto px = project(camera.lens, ray_of_px * Vec3(col, row, 1));
+    const auto px = project(camera, ray_of_px * Vec3(col, row, 1));
     return px ? *px : Vec2::Constant(std::numeric_limits<double>::quiet_NaN());
   }
   template <class Number>

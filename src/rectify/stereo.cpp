@@ -7,6 +7,7 @@
 
 #include "plumbline/geometry/so3.hpp"
 #include "plumbline/rectify/rectify.hpp"
+#include "plumbline/rig/validity.hpp"
 #include "rectify/valid_region.hpp"
 
 namespace plumbline {
@@ -68,7 +69,7 @@ std::optional<Frame> frame_from_corners(const std::array<RotatedView, 2>& views,
     const ImageSize full = view.camera->size;
     for (int i = 0; i < 4; ++i) {
       const auto ray =
-          unproject(view.camera->lens, Vec2((i & 1) * (full.width - 1), (i >> 1) * (full.height - 1)));
+          unproject(*view.camera, Vec2((i & 1) * (full.width - 1), (i >> 1) * (full.height - 1)));
       if (!ray) return std::nullopt;
       const Vec3 p = view.R_new_cam * *ray;
       if (!(p.z() > 0) || angle_to_axis_deg(p) > kMaxHalfAngle_deg) return std::nullopt;

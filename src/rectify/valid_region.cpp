@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "plumbline/rectify/rectify.hpp"
+#include "plumbline/rig/validity.hpp"
 
 namespace plumbline::detail {
 namespace {
@@ -22,7 +23,7 @@ double reach_of_cap(const Vec2& anchor, const Vec2& direction) {
 
 bool RotatedView::sees(const Vec2& q) const {
   if (!(q.norm() <= kMaxRadius * (1 + 1e-12))) return false;
-  const auto px = project(camera->lens, R_new_cam.transpose() * q.homogeneous());
+  const auto px = project(*camera, R_new_cam.transpose() * q.homogeneous());
   return px && px->x() >= 0 && px->y() >= 0 && px->x() <= camera->size.width - 1 &&
          px->y() <= camera->size.height - 1;
 }
@@ -57,7 +58,7 @@ std::vector<Vec2> outer_outline(const RotatedView& view) {
   const double w = view.camera->size.width - 1, h = view.camera->size.height - 1;
   constexpr int kPerSide = 64;
   const auto add = [&](double x, double y) {
-    const auto ray = unproject(view.camera->lens, Vec2(x, y));
+    const auto ray = unproject(*view.camera, Vec2(x, y));
     if (!ray) return;
     const Vec3 p = view.R_new_cam * *ray;
     const double radius = p.head<2>().norm();

@@ -17,9 +17,17 @@ namespace {
 constexpr int kPlainIterations = 10;
 // An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
 constexpr int kEdgeMemory = 20;
+constexpr int kMostJumps = 4;
 constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
 // The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
+// A residual itself is good to some units in the last place of a pixel of a thousand.
+constexpr double kRoundingPx = 1e-12;
+
+// Below this a change of the cost is rounding. \param n  residuals
+double rounding_of(double cost, double n) {
+  return kRounding * cost + kRoundingPx * std::sqrt(2 * cost) + kRoundingPx * kRoundingPx * n;
+}
 
 BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
   BlockState state;
@@ -134,8 +142,12 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   if (!make_normal(problem, state, normal))
     return {.termination = "a corner lies outside its lens' domain at the start"};
   const double tolerance = spec.tight ? 1e-14 : 1e-7;
+  double n_residuals = 0;
+  for (const BlockFrame& frame : problem.frames)
+    for (const BlockView& view : frame.views) n_residuals += 2 * view.corners.n;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
+  int n_jumps = 0;
   int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
@@ -147,7 +159,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     double gain = 0, predicted = 0;
     if (step) {
       predicted = factor.predicted_gain(g, *step);
-      if (predicted <= tolerance * normal.cost + 1e-24) {
+      if (predicted <= tolerance * normal.cost + kRoundingPx * kRoundingPx * n_residuals) {
         // In a flat valley the damping alone can make the step small: only an undamped one tells.
         if (damping <= kUndamped) {
           report.converged = true;
@@ -176,7 +188,13 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
       damping = std::max(kLeastDamping,
                          damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
       growth = 2;
-    } else if (step && predicted <= kRounding * normal.cost) {
+    } else if (step && predicted <= rounding_of(normal.cost, n_residuals) && damping > kUndamped &&
+               n_jumps < kMostJumps) {
+      // Damped so much that a step gains nothing: only a freer one tells whether there is anything to gain.
+      ++n_jumps;
+      damping = std::max(1e-3 * damping, kLeastDamping);
+      growth = 2;
+    } else if (step && predicted <= rounding_of(normal.cost, n_residuals)) {
       report.converged = true;
       report.termination = "converged: rounding hides what is left to gain";
       break;

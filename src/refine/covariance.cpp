@@ -7,7 +7,7 @@
 #include "plumbline/core/linalg.hpp"
 #include "plumbline/rig/motion.hpp"
 #include "refine/moving_solve.hpp"
-#include "refine/solve.hpp"
+#include "refine/reduced.hpp"
 
 namespace plumbline::detail {
 
@@ -49,7 +49,7 @@ std::optional<ViewJacobian> view_jacobian(const Calibration& cal, std::size_t v,
 }
 
 // All views of one frame: d(r)/d(board pose) in the first six columns, d(r)/d(shared parameters) in the
-// others.
+// others, r in the last.
 struct FrameJacobian {
   MatX J;
   double sum = 0;  // of squared residuals
@@ -65,7 +65,7 @@ FrameJacobian frame_jacobian(const Calibration& cal, const std::vector<int>& vie
       parts.emplace_back(&cal.data.views[v], *std::move(J));
     }
   }
-  FrameJacobian frame{MatX::Zero(n_rows, 6 + offsets.total), 0};
+  FrameJacobian frame{MatX::Zero(n_rows, 6 + offsets.total + 1), 0};
   Eigen::Index row = 0;
   for (const auto& [view, part] : parts) {
     const int cam = view->cam, target = view->target;
@@ -75,6 +75,7 @@ FrameJacobian frame_jacobian(const Calibration& cal, const std::vector<int>& vie
     if (offsets.pose[cam] >= 0) frame.J.block(row, 6 + offsets.pose[cam], n, 6) = part.cam.leftCols(6);
     if (target > 0) frame.J.block(row, 6 + offsets.board[target], n, 6) = part.further.leftCols(6);
     if (offsets.bow[target] >= 0) frame.J.block(row, 6 + offsets.bow[target], n, 2) = part.bow;
+    frame.J.col(6 + offsets.total).segment(row, n) = part.r;
     frame.sum += part.r.squaredNorm();
     row += n;
   }
@@ -97,12 +98,24 @@ void project_out_pose(MatX& J) {
 
 }  // namespace
 
-SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
+void for_each_pose_free_frame(const Calibration& cal, const SolveSpec& spec,
+                              const std::function<void(const PoseFreeFrame&)>& take) {
   const Offsets offsets = offsets_of(cal);
   std::vector<std::vector<int>> views_of(cal.T_rig_board.size());
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (takes_part(cal, v)) views_of[cal.data.views[v].frame].push_back(static_cast<int>(v));
   }
+  for (std::size_t f = 0; f < views_of.size(); ++f) {
+    if (views_of[f].empty()) continue;
+    FrameJacobian frame = frame_jacobian(cal, views_of[f], offsets, spec);
+    project_out_pose(frame.J);
+    take({static_cast<int>(f), frame.J.middleCols(6, offsets.total), frame.J.col(6 + offsets.total),
+          frame.sum});
+  }
+}
+
+SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec) {
+  const Offsets offsets = offsets_of(cal);
   MatX S = MatX::Zero(offsets.total, offsets.total);
   SharedCovariance result;
   double sum = 0;
@@ -113,18 +126,14 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
     sum = normal.sum;
     result.n_residuals = normal.n_residuals;
     n_frames = normal.n_frames;
-    views_of.clear();
   }
-  for (const std::vector<int>& views : views_of) {
-    if (views.empty()) continue;
-    FrameJacobian frame = frame_jacobian(cal, views, offsets, spec);
-    project_out_pose(frame.J);
-    const auto J_s = frame.J.rightCols(offsets.total);
-    S.noalias() += J_s.transpose() * J_s;
-    sum += frame.sum;
+  const auto add = [&](const PoseFreeFrame& frame) {
+    S.noalias() += frame.J.transpose() * frame.J;
+    sum += frame.sum_sq;
     result.n_residuals += static_cast<int>(frame.J.rows());
     ++n_frames;
-  }
+  };
+  if (!has_clocks(cal)) for_each_pose_free_frame(cal, spec, add);
   const Reduction reduction = reduction_of(spec, offsets.total);
   result.n_free = reduction.n_free + 6 * n_frames;
   const int n_known = result.n_residuals + static_cast<int>(spec.priors.size());

@@ -11,6 +11,8 @@
 #include "plumbline/rig/motion.hpp"
 #include "refine/constraints.hpp"
 #include "refine/effects.hpp"
+#include "refine/lens_trial.hpp"
+#include "refine/monotonic.hpp"
 #include "refine/outliers.hpp"
 #include "refine/recording.hpp"
 #include "refine/seed.hpp"
@@ -213,12 +215,15 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
     mark_outliers(cal, options);
   else if (auto error = unprojectable(cal))
     return *error;
-  const auto report = solve_and_mark(cal, options, spec);
+  auto report = solve_and_mark(cal, options, spec);
   if (!report) return report.error();
+  const std::vector<MonotonicNote> notes = keep_monotonic(cal, spec, *report);
+  if (!notes.empty()) evaluate(cal);
   fill_stats(cal, *report);
   cal.stats.priors = prior_pulls(cal, spec.priors);
   if (auto status = judge_determination(cal, spec); !status) return status.error();
   fill_provenance(cal, options);
+  add_notes(cal, notes);
   return cal;
 }
 
@@ -279,13 +284,16 @@ Status enough_views(const Calibration& cal, const Constraints& constraints) {
   return {};
 }
 
+Status check_lens_count(const Dataset& data, const std::vector<std::string>& names) {
+  if (names.size() == 1 || names.size() == data.cameras.size()) return {};
+  return Error{ErrorCode::kInvalidData,
+               fmt::format("{} lenses for {} cameras; give one for all, or one each", names.size(),
+                           data.cameras.size()),
+               "options"};
+}
+
 Result<std::vector<Lens>> starting_lenses(const Dataset& data, const std::vector<std::string>& names) {
-  if (names.size() != 1 && names.size() != data.cameras.size()) {
-    return Error{ErrorCode::kInvalidData,
-                 fmt::format("{} lenses for {} cameras; give one for all, or one each", names.size(),
-                             data.cameras.size()),
-                 "options"};
-  }
+  if (auto status = check_lens_count(data, names); !status) return status.error();
   std::vector<Lens> lenses;
   for (std::size_t i = 0; i < data.cameras.size(); ++i) {
     const ImageSize size = data.cameras[i].size;
@@ -306,11 +314,9 @@ void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
   cal.stats.weak.insert(cal.stats.weak.begin(), lean.begin(), lean.end());
 }
 
-}  // namespace
-
-Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options) {
-  if (auto status = check_options(options); !status) return status.error();
-  if (auto status = validate(data); !status) return status.error();
+// \param fits  of each camera alone, which then need no seed; may be empty
+Result<Calibration> calibrate_with(const Dataset& data, const RefineOptions& options,
+                                   const std::vector<std::optional<Calibration>>& fits) {
   const auto lenses = starting_lenses(data, options.lenses);
   if (!lenses) return lenses.error();
   const bool all_planar = std::all_of(data.targets.begin(), data.targets.end(),
@@ -329,15 +335,23 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   if (auto status = enough_views(empty, *constraints); !status) return status.error();
 
   // Suspects take no part in the start; from there on residuals judge them like all others.
-  const Dataset sound = options.mark_outliers ? without_suspects(data, options.n_threads) : data;
+  const bool all_fitted =
+      !fits.empty() && std::all_of(fits.begin(), fits.end(), [](const auto& f) { return f.has_value(); });
+  const Dataset sound =
+      options.mark_outliers && !all_fitted ? without_suspects(data, options.n_threads) : data;
   std::vector<MonoData> parts;
   std::vector<Calibration> monos;
   std::vector<WeakDirection> lean;
   int offset = 0;
   for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
-    parts.push_back(mono_data(sound, static_cast<int>(cam)));
+    const bool has_fit = cam < fits.size() && fits[cam];
+    parts.push_back(mono_data(has_fit ? data : sound, static_cast<int>(cam)));
     const Constraints of_camera = slice(*constraints, offset, n_params((*lenses)[cam]));
     offset += n_params((*lenses)[cam]);
+    if (has_fit) {
+      monos.push_back(*fits[cam]);
+      continue;
+    }
     auto mono = seed_camera(parts[cam].data, options.lenses[options.lenses.size() == 1 ? 0 : cam], options,
                             of_camera);
     if (!mono) return mono.error();
@@ -356,6 +370,28 @@ Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options)
   auto cal = finish_with_effects(*std::move(seed), options, true);
   if (cal && cal->covariance) add_lean(*cal, lean);
   return cal;
+}
+
+Result<Calibration> calibrate_chosen(const Dataset& data, const RefineOptions& options) {
+  if (auto status = check_lens_count(data, options.lenses); !status) return status.error();
+  auto chosen = choose_with_fits(data, options, {});
+  if (!chosen) return chosen.error();
+  RefineOptions with = options;
+  with.lenses = chosen->choice.lenses;
+  auto cal = calibrate_with(data, with, chosen->fits);
+  if (!cal) return cal;
+  cal->provenance.lens_tries = std::move(chosen->choice.tries);
+  cal->provenance.options["lens_choice"] = "auto";
+  return cal;
+}
+
+}  // namespace
+
+Result<Calibration> calibrate(const Dataset& data, const RefineOptions& options) {
+  if (auto status = check_options(options); !status) return status.error();
+  if (auto status = validate(data); !status) return status.error();
+  const bool choose = std::find(options.lenses.begin(), options.lenses.end(), "auto") != options.lenses.end();
+  return choose ? calibrate_chosen(data, options) : calibrate_with(data, options, {});
 }
 
 Result<Calibration> refine(const Calibration& start, const RefineOptions& options) {

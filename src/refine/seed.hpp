@@ -25,11 +25,18 @@ Calibration empty_calibration(const Dataset& data, const std::vector<Lens>& lens
 
 /// Pose of the board in one view for a known lens, refitted once without corners that are far off. nullopt
 /// when there is none.
-std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view);
+/// \param most_corners  so many of them, spread over the view, give the pose; 0: all
+std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view, int most_corners = 0);
+
+/// Which views pose_views() looks at again.
+enum class Repose {
+  kAll,
+  kPoor  ///< those without a pose, and those that fit more than twice as badly as the median
+};
 
 /// Gives each view of a one-camera calibration the pose that fits better: the one it has or a fresh one for
 /// its lens. Views without any stay out.
-void pose_views(Calibration& calibration);
+void pose_views(Calibration& calibration, Repose which = Repose::kAll, int most_corners = 0);
 
 /// Root of the mean over the views with corners of their squared RMS error, each corner's error capped at 5 %
 /// of the image's diagonal and lost corners and views counted with the cap. One camera.

@@ -14,6 +14,9 @@ namespace {
 
 constexpr int kSubsetViews = 16;  // enough to tell focal lengths apart, few enough to try several
 constexpr int kCandidates = 5;
+// Of a view, for its pose under a lens that is a guess anyway; first few of few views for all starts, then
+// more for those that came out best.
+constexpr int kPosedCorners = 36, kFirstCorners = 16, kFirstViews = 6, kSecondLook = 8;
 
 // Views spread evenly over those that have enough corners.
 std::vector<int> spread_subset(const Dataset& mono, int n_wanted) {
@@ -63,13 +66,14 @@ SolveSpec seed_spec(const Calibration& cal, int stage, int max_iterations, const
 }
 
 struct Candidate {
-  Lens lens;
+  Calibration calibration;
   double score = 0;
+  const Lens& lens() const { return calibration.rig.cameras[0].lens; }
 };
 
-Calibration start_from(const Dataset& subset, const Lens& lens) {
+Calibration start_from(const Dataset& subset, const Lens& lens, int most_corners = kPosedCorners) {
   Calibration cal = empty_calibration(subset, {lens});
-  pose_views(cal);
+  pose_views(cal, Repose::kAll, most_corners);
   return cal;
 }
 
@@ -82,22 +86,32 @@ bool polish(Calibration& cal, int first_stage, const Constraints& constraints) {
       break;
     }
     cal = std::move(trial);
-    pose_views(cal);
+    pose_views(cal, Repose::kPoor);
   }
   return true;
 }
 
+std::vector<Candidate> scored(const Dataset& subset, const std::vector<Lens>& lenses, int most_corners,
+                              int n_threads) {
+  std::vector<Candidate> candidates(lenses.size());
+  parallel_for(static_cast<int>(lenses.size()), n_threads, [&](int i) {
+    candidates[i].calibration = start_from(subset, lenses[i], most_corners);
+    candidates[i].score = score_px(candidates[i].calibration);
+  });
+  return candidates;
+}
+
 // The best few focal lengths that are not neighbours on the grid: the bottoms of different valleys.
-std::vector<Lens> best_candidates(std::vector<Candidate> all) {
+std::vector<Candidate> best_candidates(std::vector<Candidate> all, std::size_t most) {
   std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.score < b.score; });
-  std::vector<Lens> chosen;
-  for (const Candidate& c : all) {
-    const double f = params(c.lens)[0];
-    const bool is_new = std::none_of(chosen.begin(), chosen.end(), [&](const Lens& other) {
-      return std::abs(std::log(f / params(other)[0])) < std::log(1.15);
+  std::vector<Candidate> chosen;
+  for (Candidate& c : all) {
+    const double f = params(c.lens())[0];
+    const bool is_new = std::none_of(chosen.begin(), chosen.end(), [&](const Candidate& other) {
+      return std::abs(std::log(f / params(other.lens())[0])) < std::log(1.15);
     });
-    if (is_new) chosen.push_back(c.lens);
-    if (chosen.size() == kCandidates) break;
+    if (is_new) chosen.push_back(std::move(c));
+    if (chosen.size() == most) break;
   }
   return chosen;
 }
@@ -108,14 +122,16 @@ std::optional<Calibration> best_on_subset(const Dataset& subset, const std::stri
   std::vector<Lens> starts =
       starting_lenses(subset, lens_name, options.start, constraints.held[2] || constraints.held[3]);
   for (Lens& lens : starts) apply(lens, constraints);
-  std::vector<Candidate> candidates(starts.size());
-  parallel_for(static_cast<int>(starts.size()), options.n_threads, [&](int i) {
-    candidates[i] = {starts[i], score_px(start_from(subset, starts[i]))};
-  });
-  const std::vector<Lens> chosen = best_candidates(std::move(candidates));
+  const Dataset few = with_views(subset, spread_subset(subset, kFirstViews));
+  std::vector<Lens> better;
+  for (const Candidate& c :
+       best_candidates(scored(few, starts, kFirstCorners, options.n_threads), kSecondLook))
+    better.push_back(c.lens());
+  std::vector<Candidate> chosen =
+      best_candidates(scored(subset, better, kPosedCorners, options.n_threads), kCandidates);
   std::vector<std::optional<Calibration>> polished(chosen.size());
   parallel_for(static_cast<int>(chosen.size()), options.n_threads, [&](int i) {
-    Calibration cal = start_from(subset, chosen[i]);
+    Calibration& cal = chosen[i].calibration;
     if (polish(cal, 0, constraints)) polished[i] = std::move(cal);
   });
   std::optional<Calibration> best;
@@ -127,12 +143,11 @@ std::optional<Calibration> best_on_subset(const Dataset& subset, const std::stri
 
 // Some rounds of a solve of everything; corners that left the domain come back after each.
 Calibration settle(Calibration cal, int n_rounds, const Constraints& constraints) {
-  pose_views(cal);
   for (int round = 0; round < n_rounds; ++round) {
     Calibration trial = cal;
     if (!solve(trial, seed_spec(cal, 2, 60, constraints)).usable) break;
     cal = std::move(trial);
-    pose_views(cal);
+    pose_views(cal, Repose::kPoor);
   }
   return cal;
 }
@@ -175,6 +190,7 @@ std::optional<Calibration> by_way_of_fisheye(const Calibration& fisheye, const s
   SolveSpec lens_only = seed_spec(cal, 2, 50, constraints);
   lens_only.hold_boards = true;
   if (solve(trial, lens_only).usable && score_px(trial) < score_px(cal)) cal = std::move(trial);
+  pose_views(cal);
   return settle(std::move(cal), 3, constraints);
 }
 

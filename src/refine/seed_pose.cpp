@@ -75,9 +75,12 @@ double diagonal_px(ImageSize size) { return std::hypot(size.width, size.height);
 
 std::vector<double> errors_px(const Lens& lens, const SE3& T_cam_board, const Target& target,
                               const View& view, double lost) {
+  const Mat3 R = T_cam_board.R();
+  const Vec3 t = T_cam_board.t();
   std::vector<double> errors;
+  errors.reserve(view.corners.size());
   for (const Corner& c : view.corners) {
-    const auto px = project(lens, T_cam_board * target.points[c.point]);
+    const auto px = project(lens, R * target.points[c.point] + t);
     errors.push_back(px ? std::min((*px - c.px).norm(), lost) : lost);
   }
   return errors;
@@ -87,6 +90,17 @@ double rms(const std::vector<double>& errors) {
   double sum = 0;
   for (double e : errors) sum += e * e;
   return errors.empty() ? 0 : std::sqrt(sum / static_cast<double>(errors.size()));
+}
+
+// At most so many, at places that follow no row and no column: multiples of the golden ratio.
+std::vector<bool> spread_corners(std::size_t n, int most) {
+  if (most <= 0 || static_cast<int>(n) <= most) return std::vector<bool>(n, true);
+  std::vector<bool> use(n, false);
+  for (int i = 0; i < most; ++i) {
+    const double at = 0.6180339887498949 * (i + 1);
+    use[static_cast<std::size_t>((at - std::floor(at)) * static_cast<double>(n))] = true;
+  }
+  return use;
 }
 
 std::optional<SE3> pose_of_corners(const Lens& lens, const Target& target, const View& view,
@@ -106,9 +120,9 @@ std::optional<SE3> pose_of_corners(const Lens& lens, const Target& target, const
 
 }  // namespace
 
-std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view) {
+std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View& view, int most_corners) {
   constexpr double kLost = 1e6;
-  std::vector<bool> use(view.corners.size(), true);
+  std::vector<bool> use = spread_corners(view.corners.size(), most_corners);
   const auto first = pose_of_corners(lens, target, view, use);
   if (!first) return std::nullopt;
   const std::vector<double> errors = errors_px(lens, *first, target, view, kLost);
@@ -116,7 +130,7 @@ std::optional<SE3> find_pose(const Lens& lens, const Target& target, const View&
   // the new pose when most corners agree better with it.
   const double typical = median(errors), bound = 6 * typical + 1e-6;
   if (*std::max_element(errors.begin(), errors.end()) <= bound) return first;
-  for (std::size_t i = 0; i < use.size(); ++i) use[i] = errors[i] <= bound;
+  for (std::size_t i = 0; i < use.size(); ++i) use[i] = use[i] && errors[i] <= bound;
   const auto second = pose_of_corners(lens, target, view, use);
   return second && median(errors_px(lens, *second, target, view, kLost)) < typical ? second : first;
 }
@@ -143,17 +157,28 @@ void bring_back(Calibration& cal) {
 
 // Gives each view the pose that fits better: the one it has or a fresh one for the present lens. Views
 // without any leave.
-void pose_views(Calibration& cal) {
+void pose_views(Calibration& cal, Repose which, int most_corners) {
   const Lens& lens = cal.rig.cameras[0].lens;
   const double lost = 0.05 * diagonal_px(cal.rig.cameras[0].size);
+  const auto rms_with = [&](const SE3& T, const View& view) {
+    return rms(errors_px(lens, T, cal.data.targets[0], view, lost));
+  };
+  std::vector<double> now(cal.data.views.size(), INFINITY), posed;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    const View& view = cal.data.views[v];
+    const std::optional<SE3>& pose = cal.T_rig_board[view.frame];
+    if (view.corners.size() < 4 || !pose) continue;
+    now[v] = rms_with(*pose, view);
+    posed.push_back(now[v]);
+  }
+  const double good = which == Repose::kPoor ? 2 * median(std::move(posed)) : -1;
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     const View& view = cal.data.views[v];
     if (view.corners.size() < 4) continue;
     std::optional<SE3>& pose = cal.T_rig_board[view.frame];
-    const auto fresh = find_pose(lens, cal.data.targets[0], view);
-    if (fresh && (!pose || rms(errors_px(lens, *fresh, cal.data.targets[0], view, lost)) <
-                               rms(errors_px(lens, *pose, cal.data.targets[0], view, lost)))) {
-      pose = fresh;
+    if (!(now[v] <= good)) {
+      const auto fresh = find_pose(lens, cal.data.targets[0], view, most_corners);
+      if (fresh && (!pose || rms_with(*fresh, view) < now[v])) pose = fresh;
     }
     cal.fits[v].assign(pose ? view.corners.size() : 0, CornerFit{});
   }

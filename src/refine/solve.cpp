@@ -14,6 +14,7 @@
 #include "refine/block_solve.hpp"
 #include "refine/moving_solve.hpp"
 #include "refine/quiet_log.hpp"
+#include "refine/radial_guard.hpp"
 #include "refine/reprojection_cost.hpp"
 #include "refine/shared_block.hpp"
 #include "refine/sparse_cost.hpp"
@@ -225,6 +226,20 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
+// A guard of a camera that no view of the problem shows is left out.
+void add_guards(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+  for (const RadialGuard& guard : spec.guards) {
+    auto cost = make_radial_guard(cal.rig.cameras[guard.cam].lens, guard);
+    double* block = blocks.lens(guard.cam);
+    if (cost && has_ties(spec)) {
+      cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
+      problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
+    } else if (cost && problem.HasParameterBlock(block)) {
+      problem.AddResidualBlock(cost.release(), nullptr, block);
+    }
+  }
+}
+
 // What a view depends on: its costs and the parameter blocks in the costs' order. A lens with sparse
 // derivatives has a cost for each corner, and its core in a block of its own.
 struct ViewBlocks {
@@ -349,6 +364,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   add_priors(problem, blocks, cal, spec);
+  add_guards(problem, blocks, cal, spec);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -357,7 +373,8 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
-  if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
+  if (spec.solver == Solver::kCeres || !spec.guards.empty() || !block_solver_can(cal, spec))
+    return solve_ceres(cal, spec);
   return solve_blocks(cal, spec);
 }
 

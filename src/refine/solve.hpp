@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,6 +12,17 @@
 /// The state of every solve is a Calibration: a view takes part when `fits[v]` is not empty and its frame has
 /// a pose; a corner of such a view takes part unless it is marked as an outlier.
 namespace plumbline::detail {
+
+inline constexpr int kGuardDirections = 8;
+
+/// Where the radial map of a camera's lens shall rise. Distances from the axis are tan(angle) for a lens that
+/// looks forward only and the angle itself [rad] for the others.
+struct RadialGuard {
+  int cam = 0;
+  double from = 0;
+  std::array<double, kGuardDirections> to{};  ///< in the directions i * 45 degrees from +x to +y
+  double least_slope_px = 0;                  ///< per unit of distance from the axis
+};
 
 /// ((parameter - value) / sigma)^2 in the cost.
 struct PriorTerm {
@@ -35,6 +47,8 @@ struct SolveSpec {
   /// The share of the residuals' variance that marking outliers leaves of it (truncated_variance()).
   double variance_kept = 1.0;
   bool hold_boards = false;  ///< move no board pose
+  /// One-sided constraints on radial maps; only solve_ceres() knows them.
+  std::vector<RadialGuard> guards = {};
   Solver solver = Solver::kBlocks;
   int n_threads = 1;  ///< of the block solver
 };
@@ -48,7 +62,8 @@ struct SolveReport {
 };
 
 /// Minimises the reprojection error in place. Not usable when a corner that takes part does not project at
-/// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
+/// the start. The block solver where it can (block_solve.hpp), Ceres otherwise, with guards, or when the spec
+/// asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
 /// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for

@@ -59,10 +59,16 @@ int evaluate(Calibration& cal) {
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     const View& view = cal.data.views[v];
+    // predict() without a trajectory, with the view's motion put together once.
+    const SE3 T_cam_board = cal.rig.T_cam_rig[view.cam] * *board_pose(cal, view);
+    const Mat3 R = T_cam_board.R();
+    const Vec3 t = T_cam_board.t();
+    const Lens& lens = cal.rig.cameras[view.cam].lens;
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       CornerFit& fit = cal.fits[v][i];
       const int point = view.corners[i].point;
-      const auto px = trajectory ? predict(cal, *trajectory, view, point) : predict(cal, view, point);
+      const auto px = trajectory ? predict(cal, *trajectory, view, point)
+                                 : project(lens, R * board_point(cal, view.target, point) + t);
       fit.residual_px = px ? Vec2(*px - view.corners[i].px) : Vec2::Zero();
       if (px) continue;
       fit.outlier = true;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernels themselves, included once by each view_kernel_*.cpp, which says PLUMBLINE_PACK (doubles at a
-// time). No #pragma once and internal linkage on purpose: see view_kernel_sets.hpp.
+#pragma once
+// The kernels themselves, for the view_kernel_*.cpp, each of which says PLUMBLINE_PACK (doubles at a time).
+// Internal linkage on purpose: see view_kernel_sets.hpp.
 #include "refine/view_kernel_pack.hpp"
 #include "refine/view_kernel_sets.hpp"
 

@@ -75,7 +75,7 @@ Result<Lens> simulated_lens(std::string_view name, double fov_deg, ImageSize siz
     return Error{ErrorCode::kInvalidData, fmt::format("a {} lens cannot see {:g} degrees", name, fov_deg),
                  "fov"};
   }
-  const double focal_px = 0.5 * size.width / edge->x();
+  const double focal_px = values[0] * 0.5 * size.width / edge->x();
   values[0] = focal_px;
   values[1] = distorted ? 1.002 * focal_px : focal_px;
   values[2] = 0.5 * (size.width - 1) + (distorted ? rng.uniform(-0.01, 0.01) * size.width : 0);

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "plumbline/geometry/so3.hpp"
+#include "plumbline/rig/validity.hpp"
 #include "support/support.hpp"
 
 namespace plumbline::test {
@@ -124,6 +125,19 @@ TEST(CompareCameras, AgreesWithMrcalsProjectionDiff) {
   // 1e-4: mrcal unprojects by an optimisation that stops near 1e-5 px
   EXPECT_NEAR(ours->rms, rms, 1e-4);
   EXPECT_NEAR(ours->max, max, 1e-4);
+}
+
+// Two pinholes of different focal lengths differ by the distance from the centre: the largest difference says
+// up to where was compared, whichever camera has the limit.
+TEST(CompareCameras, LooksInsideTheValidityOnly) {
+  Camera a = pinhole(500, 319.5, 239.5), b = pinhole(505, 319.5, 239.5);
+  a.validity = validity_of(a.lens, std::atan(0.3));
+  for (const auto& diff : {compare_cameras(a, b), compare_cameras(b, a)}) {
+    ASSERT_TRUE(diff);
+    EXPECT_LE(diff->max, 0.01 * 500 * 0.3 * 1.0101);
+    EXPECT_GT(diff->max, 0.01 * 500 * 0.28);
+    EXPECT_NEAR(diff->compared_fraction, 3.14159 * 150 * 150 / (639.0 * 479.0), 0.01);
+  }
 }
 
 }  // namespace

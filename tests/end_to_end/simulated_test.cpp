@@ -55,6 +55,28 @@ TEST_F(Simulated, WithoutNoiseEveryLensGivesTheTruthBack) {
   }
 }
 
+TEST_F(Simulated, TheLensIsChosenAndTheTableKept) {
+  simulate("--target " + kTargets +
+           "chessboard_9x6_25mm.yaml --lens opencv4 --fov 65 --views 24 --noise 0.2 --no-images --seed 7");
+  const std::string corners = "--corners " + (dir / "sim/corners.yaml").string() + " --lens auto";
+  const Json report = calibrate(corners + " --threads 1");
+  ASSERT_TRUE(report.contains("lens_tries"));
+  const std::string bytes = test::read_text(dir / "cal/calibration.yaml");
+  calibrate(corners + " --threads 3");
+  EXPECT_EQ(test::read_text(dir / "cal/calibration.yaml"), bytes);
+  const Calibration ours = read(dir / "cal/calibration.yaml");
+  EXPECT_EQ(report["lens_tries"].size(), ours.provenance.lens_tries.size());
+  std::string chosen;
+  for (const Json& t : report["lens_tries"]) {
+    EXPECT_TRUE(t["held_out_px"].is_number() || t["reason"].is_string()) << t;
+    if (t["chosen"]) chosen = t["lens"];
+  }
+  EXPECT_EQ(chosen, report["cameras"][0]["lens"]);
+  EXPECT_EQ(chosen, lens_name(ours.rig.cameras[0].lens));
+  const test::Run text = test::plumbline("calibrate " + corners + " --force -o " + (dir / "cal").string());
+  EXPECT_THAT(text.out, ::testing::HasSubstr(" * " + chosen));
+}
+
 TEST_F(Simulated, RenderedStereoPicturesGiveTheRigBackWithinTheirNoise) {
   simulate(
       "--target " + kTargets +

@@ -90,6 +90,13 @@ int main(int argc, char** argv) {
   const Calibration calibration = test::example_calibration();
   seed_targets();
   seed("corners", format_corners(calibration.data));
+  const std::string head =
+      "plumbline_corners: 1\ntarget: {type: chessboard, corners: [3, 2], square_m: 0.025}\n"
+      "cameras: [{name: left, width: 640, height: 480}]\nframes: [a]\nviews:\n  - camera: left\n    frame: "
+      "a\n    "
+      "image: a.png\n    corners: ";
+  seed("corners", head + "[[0, 1.5, 2, 1], [5, 3e1, 4, 0.1]]\n");
+  seed("corners", head + "|\n      0 1.5 2 1\n\n      5\t3e1 4 0.1\n      6 1e999 nan\n");
   seed("calibration", format_calibration(calibration));
   Calibration rig_only;
   rig_only.rig = calibration.rig;

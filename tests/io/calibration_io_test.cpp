@@ -109,6 +109,33 @@ TEST(CalibrationYaml, GivesEverythingBackToTheLastBit) {
   EXPECT_EQ(b.provenance.corners_hash, a.provenance.corners_hash);
 }
 
+TEST(CalibrationYaml, GivesValidityAndTheLensesTriedBack) {
+  const Calibration a = test::example_calibration();
+  const auto b = parse_calibration(format_calibration(a));
+  ASSERT_TRUE(b) << b.error().text();
+  EXPECT_FALSE(b->rig.cameras[0].validity);
+  ASSERT_TRUE(b->rig.cameras[1].validity);
+  EXPECT_EQ(b->rig.cameras[1].validity->angle_rad, a.rig.cameras[1].validity->angle_rad);
+  EXPECT_EQ(b->rig.cameras[1].validity->radius_px, a.rig.cameras[1].validity->radius_px);
+  ASSERT_EQ(b->provenance.lens_tries.size(), 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const LensTry &x = a.provenance.lens_tries[i], &y = b->provenance.lens_tries[i];
+    EXPECT_EQ(std::tie(x.camera, x.lens, x.n_params, x.rms_px, x.held_out_px, x.excess, x.excess_sigma,
+                       x.chosen, x.reason),
+              std::tie(y.camera, y.lens, y.n_params, y.rms_px, y.held_out_px, y.excess, y.excess_sigma,
+                       y.chosen, y.reason));
+  }
+  std::string text = format_calibration(a);
+  const auto at = text.find("angle_rad: ");
+  for (const char* bad : {"0", "-1", "4", "nan", "[1]"}) {
+    std::string wrong = text;
+    wrong.replace(at, wrong.find('\n', at) - at, std::string("angle_rad: ") + bad);
+    const auto parsed = parse_calibration(wrong);
+    ASSERT_FALSE(parsed) << bad;
+    EXPECT_THAT(parsed.error().where, ::testing::HasSubstr("cameras[1].validity.angle_rad, line ")) << bad;
+  }
+}
+
 TEST(CalibrationYaml, ARigAloneIsAFileToo) {
   Calibration rig_only;
   rig_only.rig = test::example_calibration().rig;

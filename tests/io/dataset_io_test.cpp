@@ -3,7 +3,11 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <charconv>
+
 #include "io/example.hpp"
+#include "io/yaml.hpp"
 #include "support/support.hpp"
 
 namespace plumbline {
@@ -94,6 +98,45 @@ TEST(CornersYaml, ReadsAHandWrittenFile) {
   ASSERT_EQ(data->views[0].corners.size(), 2u);
   EXPECT_EQ(data->views[0].corners[1].point, 5);
   EXPECT_EQ(data->views[0].corners[1].px, Vec2(3, 40));
+}
+
+TEST(CornersYaml, AListOfListsIsReadToo) {
+  const Dataset data = test::example_calibration().data;
+  std::string text = format_corners(data), lists;
+  for (std::size_t at; (at = text.find("    corners: |\n")) != std::string::npos;) {
+    const auto first = at + 15;
+    auto last = first;
+    lists = "    corners: [";
+    while (text.compare(last, 6, "      ") == 0) {
+      const auto end = text.find('\n', last);
+      std::string row = text.substr(last + 6, end - last - 6);
+      std::replace(row.begin(), row.end(), ' ', ',');
+      lists += (lists.back() == '[' ? "[" : ", [") + row + "]";
+      last = end + 1;
+    }
+    text.replace(at, last - at, lists + "]\n");
+  }
+  const auto read = parse_corners(text);
+  ASSERT_TRUE(read) << read.error().text();
+  EXPECT_EQ(format_corners(*read), format_corners(data));
+  text.replace(text.find("[["), 2, "[[x, ");
+  EXPECT_THAT(error_of(text), HasSubstr("row 1: 'point x y sigma' is needed"));
+}
+
+// The shortest text of a double is the double: std::from_chars is the referee, over all exponents.
+TEST(CornersYaml, ShortNumbersAreTheSameDoubles) {
+  Rng rng(5);
+  for (int i = 0; i < 20000; ++i) {
+    const double value = std::ldexp(rng.uniform(-1, 1), static_cast<int>(rng.uniform(-60, 60)));
+    std::string text;
+    io::append_number(text, value);
+    double back = 0;
+    std::from_chars(text.data(), text.data() + text.size(), back);
+    ASSERT_EQ(back, value) << text;
+  }
+  std::string zero;
+  io::append_number(zero, -0.0);
+  EXPECT_EQ(zero, "0");
 }
 
 TEST(CornersYaml, NamesWhatIsWrong) {

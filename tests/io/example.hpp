@@ -19,6 +19,7 @@ inline Calibration example_calibration() {
       {"right eye: 2",
        {752, 480},
        make_lens("kb4", {{400.0 / 3, 401, 320, 240, 0.01, -0.02, 1e-300, -0.0}}).value()});
+  c.rig.cameras[1].validity = Validity{1.0 / 0.9, 148.0 / 3};
   c.rig.T_cam_rig = {SE3(), SE3(so3_exp({0.01, -0.02, 0.003}), {-0.1, 1.0 / 3000, 0.002})};
   c.data.targets = {make_target(Chessboard{3, 2, 0.025}).value()};
   c.data.cameras = {{"left", {640, 480}}, {"right eye: 2", {752, 480}}};
@@ -50,6 +51,8 @@ inline Calibration example_calibration() {
   const auto n = static_cast<Eigen::Index>(shared_parameter_names(c.rig).size());
   c.covariance = MatX::NullaryExpr(n, n, [&] { return rng.normal(); });
   c.provenance = {"0.1.0", {{"lens", "left=opencv5,right=kb4"}, {"seed", "0"}}, corners_hash(c.data)};
+  c.provenance.lens_tries = {{"left", "opencv5", 9, 0.31, 0.32, 0, 0, true, ""},
+                             {"left", "kb4", 8, 1.0 / 3, 0, 0.01, 0.001, false, "its \"fit\": poor"}};
   return c;
 }
 

@@ -4,6 +4,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "plumbline/rig/validity.hpp"
 #include "rectify/rigs.hpp"
 #include "support/support.hpp"
 
@@ -120,6 +121,42 @@ TEST(RemapImage, ShowsTheSceneWhereTheMapsPoint) {
     }
   }
   EXPECT_GT(black, 100);
+}
+
+// Beyond a camera's validity no pixel is mapped, and the share of valid pixels counts the rest.
+TEST(RemapMaps, LeaveOutWhatLiesBeyondTheValidity) {
+  Camera camera = perspective("a");
+  const auto all = remap_maps(camera, Mat3::Identity(), kNew, {800, 600});
+  camera.validity = validity_of(camera.lens, 0.35);
+  const auto maps = remap_maps(camera, Mat3::Identity(), kNew, {800, 600});
+  int n_valid = 0;
+  for (int row = 0; row < 600; ++row) {
+    for (int col = 0; col < 800; ++col) {
+      const Vec3 ray = kNew.inverse() * Vec3(col, row, 1);
+      const double angle = std::atan(std::hypot(ray.x(), ray.y()));
+      const float x = maps.x.at<float>(row, col), y = maps.y.at<float>(row, col);
+      if (angle > 0.35) {
+        ASSERT_EQ(x, -1) << col << " " << row;
+        continue;
+      }
+      // In a tile that the border crosses pixels are exact, elsewhere interpolated, to 5e-5 px each.
+      ASSERT_NEAR(x, all.x.at<float>(row, col), 2e-4) << col << " " << row;
+      n_valid += x >= -0.5 && y >= -0.5 && x <= 639.5 && y <= 479.5;
+    }
+  }
+  EXPECT_NEAR(maps.valid_fraction, n_valid / (800.0 * 600.0), 1e-12);
+  EXPECT_LT(maps.valid_fraction, 0.9 * all.valid_fraction);
+}
+
+TEST(RemapMaps, TheUndistortedCameraShowsWhatIsValid) {
+  Camera camera = perspective("a");
+  camera.validity = validity_of(camera.lens, 0.35);
+  const auto inner = undistorted_camera(camera, 0, {}), outer = undistorted_camera(camera, 1, {});
+  ASSERT_TRUE(inner && outer);
+  EXPECT_NEAR(remap_maps(camera, Mat3::Identity(), camera_matrix_k(*inner), camera.size).valid_fraction, 1,
+              2e-3);
+  // All of the disc: its edge, tan(0.35) from the axis, touches the border.
+  EXPECT_NEAR(camera.size.width / outer->fx, 2 * std::tan(0.35), 0.01);
 }
 
 }  // namespace

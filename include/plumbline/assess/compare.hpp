@@ -10,8 +10,9 @@ namespace plumbline {
 /// Projection difference of two cameras over a grid of the first one's image [px].
 struct DiffPx {
   double rms = 0, p95 = 0, max = 0;
-  int n_samples = 0;             ///< grid points that both lenses project
-  double compared_fraction = 0;  ///< of the grid points of the image; below 1 where a domain ends inside it
+  int n_samples = 0;             ///< grid points that both lenses project, within both cameras' validity
+  double compared_fraction = 0;  ///< of the grid points of the image; below 1 where a domain or a validity
+                                 ///< ends inside it
 };
 
 /// How the two cameras' frames are brought together before they are compared.

@@ -10,9 +10,9 @@
 namespace plumbline {
 
 /// corners.yaml: target, cameras, views; the corners of a view are one block of text, a line `point x y
-/// sigma` each. Every number has 17 digits: parse_corners gives the same Dataset back. kParse names the field
-/// and its line, kInvalidData is what validate() says, kUnsupported a newer version. \pre validate(data)
-/// holds, and frames have distinct names
+/// sigma` each. (a list of lists is read too). Every number has the digits that it takes: parse_corners gives
+/// the same Dataset back. kParse names the field and its line, kInvalidData is what validate() says,
+/// kUnsupported a newer version. \pre validate(data) holds, and frames have distinct names
 std::string format_corners(const Dataset& data);
 Result<Dataset> parse_corners(std::string_view yaml);
 

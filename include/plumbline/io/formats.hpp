@@ -35,11 +35,16 @@ struct Format {
   Result<Rig> (*read)(std::span<const NamedBytes>);
   /// Whether these bytes look like this format; cheap.
   bool (*recognises)(std::string_view bytes);
+  bool carries_validity = false;  ///< whether Camera::validity comes back
 };
 
 /// The one table.
 std::span<const Format* const> formats();
 const Format* find_format(std::string_view name);
+
+/// kUnsupported names the camera whose lens folds inside its picture (folds_in_image()) when the format
+/// cannot say up to where it holds: whoever reads the file would use it all over the image.
+Status check_folds(const Format& format, const Rig& rig);
 
 /// Reads camera files of any known format (told from their content), Plumbline's own calibration.yaml
 /// included. `format_name` empty: find out. Where the files say nothing about where the cameras stand, every

@@ -32,7 +32,8 @@ struct Prior {
 };
 
 struct RefineOptions {
-  std::vector<std::string> lenses{"opencv5"};  ///< one for all cameras, or one per camera in order
+  /// One for all cameras, or one per camera in order; "auto": calibrate() chooses by choose_lenses().
+  std::vector<std::string> lenses{"opencv5"};
   Start start = Start::kAuto;  ///< kAuto: DLT where a camera has a view with enough non-coplanar points,
                                ///< Zhang otherwise
   Loss loss = Loss::kSquared;

@@ -54,11 +54,26 @@ struct SolveStats {
   std::vector<EffectTry> effects = {};
 };
 
+/// One lens that was tried for one camera (refine/choose_lens.hpp).
+struct LensTry {
+  std::string camera, lens;
+  int n_params = 0;
+  double rms_px = 0;  ///< of the fit to all views, the camera alone
+  double held_out_px =
+      0;  ///< root mean square of what was left out and predicted, as rms_px; 0: not measured
+  /// Mean squared held-out error less that of the lens with the least, as a fraction of the latter, and the
+  /// standard error of that difference.
+  double excess = 0, excess_sigma = 0;
+  bool chosen = false;
+  std::string reason;  ///< why it was not compared; empty where it was
+};
+
 /// How the calibration came to be: enough to run it again. No dates, no absolute paths.
 struct Provenance {
   std::string version;                         ///< of Plumbline
   std::map<std::string, std::string> options;  ///< "lens", "loss", "start", "seed", "outliers", ...
   std::string corners_hash;                    ///< 64-bit FNV-1a of the corners, hexadecimal
+  std::vector<LensTry> lens_tries = {};        ///< with --lens auto: all lenses tried, camera by camera
 };
 
 /// When the rows of a camera were exposed, beside what its timestamps say: row v of a view at

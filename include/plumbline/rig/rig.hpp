@@ -10,10 +10,17 @@
 
 namespace plumbline {
 
+/// Up to where a camera's calibration holds: a cone about the optical axis. See rig/validity.hpp.
+struct Validity {
+  double angle_rad = 0;  ///< largest angle from the axis, in (0, pi]
+  double radius_px = 0;  ///< the same seen in the image: distance from (cx, cy), least over all directions
+};
+
 struct Camera {
   std::string name;  ///< unique within the rig
   ImageSize size;
   Lens lens;
+  std::optional<Validity> validity = {};  ///< nullopt: as far as the domain of the lens reaches
 };
 
 /// What you ship. One camera is a rig of one, a stereo pair a rig of two.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "io/formats/common.hpp"
+#include "io/formats/mrcal_region.hpp"
 #include "io/formats/python_literal.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/geometry/so3.hpp"
@@ -48,7 +49,14 @@ Result<std::vector<NamedBytes>> write(const Rig& rig, const WriteOptions&) {
         "    # rotation vector [rad] and translation [m], rig to camera\n    'extrinsics': {},\n    "
         "'rt_cam_ref': {},\n",
         rt, rt);
-    out += fmt::format("    'imagersize': [{}, {}],\n}}\n", camera.size.width, camera.size.height);
+    out += fmt::format("    'imagersize': [{}, {}],\n", camera.size.width, camera.size.height);
+    if (const auto region = region_text(camera)) {
+      out +=
+          "    # contour in the image inside which the calibration holds [px]\n    "
+          "'valid_intrinsics_region': " +
+          *region + ",\n";
+    }
+    out += "}\n";
     files.push_back({stems[i] + ".cameramodel", out});
   }
   if (Status known = check_poses(kMrcalFormat, rig); !known) return known.error();
@@ -116,9 +124,11 @@ Result<Model> read_model(const Field& root, const std::string& file) {
   if (!(r.norm() < 1000)) pose.fail(fmt::format("a rotation by {} rad", r.norm()));
   const std::vector<Field> size = root.at("imagersize").items();
   if (size.size() != 2) root.at("imagersize").fail("[width, height] is needed");
-  return Model{
-      {stem_of(file), size_of(size[0], size[1]), lens},
-      r.isZero(0) ? SE3(Mat3::Identity(), {rt[3], rt[4], rt[5]}) : SE3(so3_exp(r), {rt[3], rt[4], rt[5]})};
+  Camera camera{stem_of(file), size_of(size[0], size[1]), lens};
+  if (const auto region = root.find("valid_intrinsics_region"))
+    camera.validity = read_region(*region, camera);
+  return Model{std::move(camera), r.isZero(0) ? SE3(Mat3::Identity(), {rt[3], rt[4], rt[5]})
+                                              : SE3(so3_exp(r), {rt[3], rt[4], rt[5]})};
 }
 
 Result<Rig> read(std::span<const NamedBytes> files) {
@@ -148,6 +158,7 @@ const Format kMrcalFormat{"mrcal",
                           true,
                           write,
                           read,
-                          recognises};
+                          recognises,
+                          true};
 
 }  // namespace plumbline::io

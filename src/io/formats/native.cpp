@@ -38,8 +38,14 @@ const std::string& all_lenses() {
 
 }  // namespace
 
-const Format kNativeFormat{
-    "plumbline", "Plumbline's own calibration.yaml", "calibration.yaml", all_lenses(), true, write, read,
-    recognises};
+const Format kNativeFormat{"plumbline",
+                           "Plumbline's own calibration.yaml",
+                           "calibration.yaml",
+                           all_lenses(),
+                           true,
+                           write,
+                           read,
+                           recognises,
+                           true};
 
 }  // namespace plumbline::io
