@@ -124,11 +124,11 @@ TEST(Moving, ComesBackFromCornersAlone) {
   EXPECT_NEAR(params(cal->rig.cameras[0].lens)[0], 550, 1e-3);
 }
 
-// Squared errors in units of sigma of two delays and an offset over 12 recordings: 36 degrees of freedom, so
-// that the mean is 1 +- 0.24.
+// Squared errors in units of sigma of two delays and an offset over 8 recordings: 24 degrees of freedom, so
+// that the mean is 1 +- 0.29.
 TEST(Moving, ErrsByItsSigma) {
   double sum = 0;
-  const int n = 12;
+  const int n = 8;
   for (int seed = 0; seed < n; ++seed) {
     const RecordingOptions o = pair_of_cameras(10 + seed);
     Calibration start = start_of(record_polynomials(o));
@@ -141,7 +141,7 @@ TEST(Moving, ErrsByItsSigma) {
     sum += e.dot(MatX(C).inverse() * e);
     EXPECT_LT(std::sqrt(C(0, 0)), 0.1 * o.line_delay_s);
   }
-  EXPECT_NEAR(sum / (3 * n), 1, 0.72);  // three standard deviations
+  EXPECT_NEAR(sum / (3 * n), 1, 0.87);  // three standard deviations
 }
 
 // Not of the model's form: a hand's swing of 1.5 Hz at 25 images a second.
