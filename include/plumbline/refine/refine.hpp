@@ -56,8 +56,9 @@ struct RefineOptions {
   Solver solver = Solver::kBlocks;
   int n_threads = 0;             ///< <= 0: all cores; results do not depend on it
   Estimate bow = Estimate::kNo;  ///< of each flat board (Calibration::bow_m)
-  /// Of each camera, and of each but the first (Calibration::clocks). Both need times of all views, and frames
-  /// that follow one another as a smooth motion does: kDegenerate says what is missing. kAuto without times: no.
+  /// Of each camera, and of each but the first (Calibration::clocks). Both need times of all views, and
+  /// frames that follow one another as a smooth motion does: kDegenerate says what is missing. kAuto without
+  /// times: no.
   Estimate line_delay = Estimate::kNo, time_offset = Estimate::kNo;
 };
 

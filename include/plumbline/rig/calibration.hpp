@@ -101,7 +101,8 @@ struct Calibration {
   /// it is taken as flat, and its bow is no parameter.
   std::vector<std::optional<Vec2>> bow_m;
   /// Per camera; empty: nothing is known. With any line delay or offset, T_rig_board is a pose at the frame's
-  /// time (rig/motion.hpp), and where the boards were when a row was exposed follows from the frames around it.
+  /// time (rig/motion.hpp), and where the boards were when a row was exposed follows from the frames around
+  /// it.
   std::vector<CameraClock> clocks;
 };
 
@@ -111,8 +112,8 @@ Vec3 board_point(const Calibration& calibration, int target, int point);
 /// The bow of a target, where it is a parameter.
 std::optional<Vec2> bow_of(const Calibration& calibration, int target);
 
-/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * T_board0_board * p_board), with p_board of
-/// board_point(), and T_rig_board at the time of the row where the point appears when the calibration has
+/// The whole measurement model:  px = lens(T_cam_rig * T_rig_board * T_board0_board * p_board), with p_board
+/// of board_point(), and T_rig_board at the time of the row where the point appears when the calibration has
 /// clocks. nullopt outside the lens' domain or when the view's frame has no pose (with clocks: no motion).
 std::optional<Vec2> predict(const Calibration& calibration, const View& view, int point);
 
@@ -123,8 +124,8 @@ std::optional<SE3> board_pose(const Calibration& calibration, const View& view);
 /// "left fx", ..., "right r_x", "right t_x", ..., "board2 r_x", ...: lens parameters of each camera, then the
 /// six numbers [rotation rad | translation m] of each T_cam_rig but the first, then those of each
 /// T_board0_board but the first, then "board bow_x", "board bow_y" [m] of each target that has a bow, then
-/// "left line_delay" [s], "right time_offset" [s] of each camera that has them; the order of every vector over
-/// the shared parameters.
+/// "left line_delay" [s], "right time_offset" [s] of each camera that has them; the order of every vector
+/// over the shared parameters.
 std::vector<std::string> shared_parameter_names(const Calibration& calibration);
 /// The same for a calibration of one flat board.
 std::vector<std::string> shared_parameter_names(const Rig& rig);

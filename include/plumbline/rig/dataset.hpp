@@ -25,7 +25,8 @@ struct View {
   std::vector<Corner> corners;  ///< ascending by point, each at most once; empty when nothing was found
   std::string reason;           ///< why there are no corners; empty when there are
   int target = 0;               ///< index into Dataset::targets
-  std::optional<double> time_s = std::nullopt;  ///< by its camera's clock [s], when its middle row was exposed
+  std::optional<double> time_s =
+      std::nullopt;  ///< by its camera's clock [s], when its middle row was exposed
 };
 
 struct CameraInfo {
