@@ -15,7 +15,7 @@ namespace {
 
 using namespace bench;
 
-std::optional<Outcome> run(const std::string& tool, const SolveSet& set, int n_threads) {
+std::optional<Outcome> run(const std::string& tool, SolveSet& set, int n_threads) {
   if (tool == "plumbline") return run_plumbline(set, n_threads);
   if (tool == "plumbline-ceres") return run_our_ceres(set);
   if (tool == "ceres-autodiff") return run_autodiff(set, false);
@@ -53,9 +53,10 @@ int main(int argc, char** argv) {
   const int repetitions = argc > 5 ? std::atoi(argv[5]) : 1, n_threads = argc > 6 ? std::atoi(argv[6]) : 1;
   const SolveSet set = make_set(lens, n_views, n_cams);
   for (int i = 0; i < repetitions; ++i) {
+    SolveSet mine = set;
     reset_peak();
     const double base_mb = memory_mb("VmRSS");
-    const auto outcome = run(tool, set, n_threads);
+    const auto outcome = run(tool, mine, n_threads);
     const double peak_mb = memory_mb("VmHWM");
     if (!outcome) {
       std::printf("{\"tool\": \"%s\", \"failed\": true}\n", tool.c_str());

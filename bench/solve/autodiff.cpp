@@ -49,9 +49,9 @@ std::array<double, 6> vector_of(const SE3& T) {
 }
 
 template <class L>
-std::optional<Outcome> solve(const SolveSet& set, bool tight) {
+std::optional<Outcome> solve(SolveSet& set, bool tight) {
   Outcome outcome;
-  Calibration cal = set.start;
+  Calibration& cal = set.start;
   const Stopwatch watch;
   std::vector<std::array<double, 6>> cams, boards;
   for (const SE3& T : cal.rig.T_cam_rig) cams.push_back(vector_of(T));
@@ -96,7 +96,7 @@ std::optional<Outcome> solve(const SolveSet& set, bool tight) {
 
 }  // namespace
 
-std::optional<Outcome> run_autodiff(const SolveSet& set, bool tight) {
+std::optional<Outcome> run_autodiff(SolveSet& set, bool tight) {
   return std::visit(
       [&]<class L>(const L&) -> std::optional<Outcome> {
         if constexpr (FixedLens<L>)

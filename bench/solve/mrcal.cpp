@@ -9,7 +9,7 @@ namespace bench {
 
 using namespace plumbline;
 
-std::optional<Outcome> run_mrcal(const SolveSet& set) {
+std::optional<Outcome> run_mrcal(SolveSet& set) {
   std::vector<detail::RefereeLens> lenses;
   for (const Camera& camera : set.start.rig.cameras) {
     auto lens = detail::same_lens(camera.lens);

@@ -49,7 +49,7 @@ Camera camera_of(const SolveSet& set, const cv::Mat& K, const cv::Mat& D, int ca
 
 }  // namespace
 
-std::optional<Outcome> run_opencv(const SolveSet& set, bool use_lu) {
+std::optional<Outcome> run_opencv(SolveSet& set, bool use_lu) {
   cv::setNumThreads(1);
   const std::string lens(lens_name(set.truth.cameras[0].lens));
   const std::size_t n_cams = set.truth.cameras.size();

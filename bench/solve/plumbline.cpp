@@ -6,9 +6,9 @@
 namespace bench {
 namespace {
 
-std::optional<Outcome> run(const SolveSet& set, plumbline::Solver solver, int n_threads) {
+std::optional<Outcome> run(SolveSet& set, plumbline::Solver solver, int n_threads) {
   Outcome outcome;
-  plumbline::Calibration cal = set.start;
+  plumbline::Calibration& cal = set.start;
   const Stopwatch watch;
   const auto report =
       plumbline::detail::solve(cal, {.max_iterations = 500, .solver = solver, .n_threads = n_threads});
@@ -24,9 +24,9 @@ std::optional<Outcome> run(const SolveSet& set, plumbline::Solver solver, int n_
 
 }  // namespace
 
-std::optional<Outcome> run_plumbline(const SolveSet& set, int n_threads) {
+std::optional<Outcome> run_plumbline(SolveSet& set, int n_threads) {
   return run(set, plumbline::Solver::kBlocks, n_threads);
 }
-std::optional<Outcome> run_our_ceres(const SolveSet& set) { return run(set, plumbline::Solver::kCeres, 1); }
+std::optional<Outcome> run_our_ceres(SolveSet& set) { return run(set, plumbline::Solver::kCeres, 1); }
 
 }  // namespace bench

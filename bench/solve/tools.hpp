@@ -33,12 +33,13 @@ class Stopwatch {
   double cpu_ = clock_s(CLOCK_PROCESS_CPUTIME_ID), wall_ = clock_s(CLOCK_MONOTONIC);
 };
 
-/// Each solves the set from its start (OpenCV makes its own); nullopt when the tool cannot or fails.
-std::optional<Outcome> run_plumbline(const SolveSet& set, int n_threads);
-std::optional<Outcome> run_our_ceres(const SolveSet& set);  ///< our reference: an analytic cost for each view
-std::optional<Outcome> run_autodiff(const SolveSet& set, bool tight);  ///< Ceres as a user would write it
-std::optional<Outcome> run_opencv(const SolveSet& set,
-                                  bool use_lu);         ///< calibrateCamera, stereoCalibrate, fisheye
-std::optional<Outcome> run_mrcal(const SolveSet& set);  ///< mrcal_optimize without extras
+/// Each solves the set from its start (OpenCV makes its own), which it may overwrite; nullopt when the tool
+/// cannot or fails.
+std::optional<Outcome> run_plumbline(SolveSet& set, int n_threads);
+std::optional<Outcome> run_our_ceres(SolveSet& set);  ///< our reference: an analytic cost for each view
+std::optional<Outcome> run_autodiff(SolveSet& set, bool tight);  ///< Ceres as a user would write it
+std::optional<Outcome> run_opencv(SolveSet& set,
+                                  bool use_lu);   ///< calibrateCamera, stereoCalibrate, fisheye
+std::optional<Outcome> run_mrcal(SolveSet& set);  ///< mrcal_optimize without extras
 
 }  // namespace bench
