@@ -9,6 +9,7 @@
 #include "crosscheck/naive_seed.hpp"
 #include "crosscheck/referee.hpp"
 #include "plumbline/refine/refine.hpp"
+#include "plumbline/rig/motion.hpp"
 
 namespace plumbline {
 namespace {
@@ -345,6 +346,11 @@ Result<Crosscheck> crosscheck_mrcal(const Calibration& calibration) {
                       calibration.rig.cameras.size() == calibration.rig.T_cam_rig.size() &&
                       calibration.rig.cameras.size() == calibration.data.cameras.size(),
                   "rig, data, poses and fits of a calibration belong together");
+  if (has_clocks(calibration))
+    return Error{ErrorCode::kUnsupported,
+                 "mrcal knows neither line delays nor time offsets, so it cannot referee this calibration; "
+                 "calibrate without --refine line-delay,time-offset to compare the rest",
+                 ""};
   const int n_cams = static_cast<int>(calibration.rig.cameras.size());
   std::vector<int> corners(static_cast<std::size_t>(n_cams), 0);
   for_each_inlier(calibration, [&](int cam, const Vec3&, const Corner&) { ++corners[cam]; });

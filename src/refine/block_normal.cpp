@@ -28,11 +28,11 @@ int row_of(const BlockFrame& frame, int parameter) {
 struct Chain {
   SE3 T_cam_board;
   Mat6 camera, frame, board;  // d[dw | dt] / d(step)
-  bool one_pose;              // no rig and one board: `frame` is the identity
+  bool one_pose;              // the first camera's view of the first board: `frame` is the identity
 
   Chain(const BlockState& state, const BlockView& view, std::size_t f) {
     const SE3 &T_cam_rig = state.T_cam_rig[view.cam], &T_rig_board = state.T_rig_board[f];
-    one_pose = view.target == 0 && T_cam_rig == SE3();
+    one_pose = view.target == 0 && view.cam == 0 && T_cam_rig == SE3();
     if (one_pose) {
       T_cam_board = T_rig_board;
       return;

@@ -211,9 +211,25 @@ Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std
     for (int i = 0; i < n; ++i) c.held[offsets.lens[cam] + i] = true;
     // Of two cameras only the pose of one relative to the other exists.
     for (int i = 0; i < 6 && offsets.pose[cam] >= 0 && !wanted[0]; ++i) c.held[offsets.pose[cam] + i] = true;
+    if (offsets.line_delay[cam] >= 0) c.held[offsets.line_delay[cam]] = true;
+    if (offsets.time_offset[cam] >= 0) c.held[offsets.time_offset[cam]] = true;
   }
   for (std::size_t board = 1; board < cal.data.targets.size(); ++board) {
     for (int i = 0; i < 6; ++i) c.held[offsets.board[board] + i] = true;
+  }
+  return {};
+}
+
+// Control points mean nothing one by one, and the solver of splines knows neither ties nor priors.
+Status check_splined(const Constraints& c, const Calibration& cal) {
+  for (const Camera& camera : cal.rig.cameras) {
+    bool tied = false;
+    for (std::size_t i = 0; i < c.tied_to.size(); ++i) tied |= c.tied_to[i] != static_cast<int>(i);
+    if (!is_sparse(camera.lens) || (!tied && c.priors.empty())) continue;
+    return Error{ErrorCode::kUnsupported,
+                 "a rig with a splined lens takes neither ties nor priors; choose another lens, or hold "
+                 "parameters instead",
+                 "camera " + camera.name};
   }
   return {};
 }
@@ -241,6 +257,7 @@ Result<Constraints> constraints_of(const Calibration& cal, const RefineOptions& 
   for (const Prior& prior : options.priors) {
     if (auto status = add_prior(c, names, prior); !status) return status.error();
   }
+  if (auto status = check_splined(c, cal); !status) return status.error();
   if (auto status = hold_others(c, cal, options.only); !status) return status.error();
   if (auto status = spread_holds(c, names); !status) return status.error();
   return c;

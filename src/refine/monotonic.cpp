@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "plumbline/core/text.hpp"
+#include "plumbline/rig/motion.hpp"
 #include "plumbline/rig/validity.hpp"
 #include "refine/radial_guard.hpp"
 
@@ -139,6 +140,12 @@ std::string what_turns(const Camera& camera, double data_rad) {
       turn.radius_px);
 }
 
+bool is_wholly_held(const Calibration& cal, const SolveSpec& spec, int cam) {
+  if (spec.held.empty()) return false;
+  const auto first = spec.held.begin() + offsets_of(cal).lens[cam];
+  return std::all_of(first, first + n_params(cal.rig.cameras[cam].lens), [](bool held) { return held; });
+}
+
 constexpr const char* kNextStep =
     "add images with the board in the corners of the picture, or choose a lens "
     "with fewer terms";
@@ -150,12 +157,15 @@ std::vector<MonotonicNote> keep_monotonic(Calibration& cal, const SolveSpec& spe
   SolveSpec guarded = spec;
   for (int cam = 0; cam < static_cast<int>(cal.rig.cameras.size()); ++cam) {
     Camera& camera = cal.rig.cameras[cam];
+    if (is_wholly_held(cal, spec, cam)) continue;  // what is known of it stays true
     camera.validity.reset();
-    if (!folds_in_image(camera)) continue;
+    // A spline ends where its grid does, and says so itself.
+    if (is_sparse(camera.lens) || !folds_in_image(camera)) continue;
     const double data_rad = data_angle_rad(cal, cam);
     if (!(data_rad > 0)) continue;
     MonotonicNote note{cam, false, VecX::Zero(n_params(camera.lens)), what_turns(camera, data_rad)};
-    auto trial = constrained_fit(cal, guarded, cam, data_rad);
+    // The solver of recordings knows no guards.
+    auto trial = has_clocks(cal) ? std::nullopt : constrained_fit(cal, guarded, cam, data_rad);
     const double variance = variance_of(cal, report);
     const double chi_squared =
         trial && variance > 0 ? 2 * (trial->report.cost - report.cost) / variance : INFINITY;
@@ -180,7 +190,8 @@ std::vector<MonotonicNote> keep_monotonic(Calibration& cal, const SolveSpec& spe
           trial ? fmt::format("a map that rises over the whole picture contradicts the corners (chi-squared "
                               "{:.3g})",
                               chi_squared)
-                : "no map that rises over the whole picture was found",
+          : has_clocks(cal) ? "a constrained fit is not tried together with line delays and time offsets"
+                            : "no map that rises over the whole picture was found",
           camera.validity->angle_rad * kDegPerRad, camera.validity->radius_px, kNextStep);
     }
     notes.push_back(std::move(note));
@@ -193,20 +204,22 @@ void add_notes(Calibration& cal, const std::vector<MonotonicNote>& notes) {
   const Offsets offsets = offsets_of(cal);
   std::vector<WeakDirection> weak;
   std::vector<std::string> held;
+  const auto sigma_of = [&](int at) {  // a rig with a splined lens has none
+    return cal.covariance ? std::sqrt(std::max(0.0, (*cal.covariance)(at, at))) : 0.0;
+  };
   for (const MonotonicNote& note : notes) {
     // The term of distortion that moved farthest, in its own sigmas.
     int which = offsets.lens[note.cam];
     double farthest = -1;
     for (int i = 4; i < note.moved.size(); ++i) {
       const int at = offsets.lens[note.cam] + i;
-      const double sigma = std::sqrt(std::max(0.0, (*cal.covariance)(at, at)));
+      const double sigma = sigma_of(at);
       const double sigmas = sigma > 0 ? std::abs(note.moved[i]) / sigma : 0;
       if (sigmas <= farthest) continue;
       farthest = sigmas;
       which = at;
     }
-    weak.push_back(
-        {names[which], std::sqrt(std::max(0.0, (*cal.covariance)(which, which))), note.consequence});
+    weak.push_back({names[which], sigma_of(which), note.consequence});
     if (note.held) held.push_back(cal.rig.cameras[note.cam].name);
   }
   if (!held.empty()) cal.provenance.options["held_monotonic"] = join(held, ",");

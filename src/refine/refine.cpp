@@ -15,6 +15,7 @@
 #include "refine/monotonic.hpp"
 #include "refine/outliers.hpp"
 #include "refine/recording.hpp"
+#include "refine/rig_graph.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
 #include "refine/suspects.hpp"
@@ -192,6 +193,32 @@ Result<SolveReport> solve_and_mark(Calibration& cal, const RefineOptions& option
   return report;
 }
 
+Status enough_views(const Calibration& cal, const Constraints& constraints);
+
+// What a start got wrong, or the marking of outliers, can leave cameras without views, or without a frame
+// that joins them to the others: then their numbers mean nothing.
+Status still_together(const Calibration& cal, const Constraints& constraints) {
+  if (auto status = enough_views(cal, constraints); !status) return status;
+  std::vector<Sight> sights;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    const View& view = cal.data.views[v];
+    if (takes_part(cal, v)) sights.push_back({view.cam, view.frame, view.target});
+  }
+  const int n_cams = static_cast<int>(cal.rig.cameras.size());
+  const RigGroups groups = rig_groups(n_cams, static_cast<int>(cal.data.targets.size()), sights, true);
+  const Offsets offsets = offsets_of(cal);
+  for (int cam = 1; cam < n_cams; ++cam) {
+    bool known = true;  // where it stands is held, or a prior says it
+    for (int i = offsets.pose[cam]; i < offsets.pose[cam] + 6; ++i) {
+      known =
+          known && (constraints.held[i] || std::any_of(constraints.priors.begin(), constraints.priors.end(),
+                                                       [&](const PriorTerm& p) { return p.index == i; }));
+    }
+    if (!known && groups.of_cam[cam] != groups.of_cam[0]) return gap_error(cal.data, sights, groups, "");
+  }
+  return {};
+}
+
 Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constraints constraints,
                            bool from_seed) {
   constraints.held = hold_loose_boards(cal, std::move(constraints.held));
@@ -217,6 +244,7 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
     return *error;
   auto report = solve_and_mark(cal, options, spec);
   if (!report) return report.error();
+  if (auto status = still_together(cal, constraints); !status) return status.error();
   const std::vector<MonotonicNote> notes = keep_monotonic(cal, spec, *report);
   if (!notes.empty()) evaluate(cal);
   fill_stats(cal, *report);
@@ -314,6 +342,32 @@ void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
   cal.stats.weak.insert(cal.stats.weak.begin(), lean.begin(), lean.end());
 }
 
+// Where a camera stands is not known before the solve, so holding it needs a start or values.
+Status check_held_without_start(const Calibration& empty, const Constraints& constraints,
+                                const RefineOptions& options) {
+  const char* next = "give a start (--start FILE, or an earlier calibration)";
+  if (!options.only.empty())
+    return Error{ErrorCode::kInvalidData,
+                 std::string("the other cameras cannot be held without numbers for them; ") + next,
+                 "only '" + options.only[0] + "'"};
+  const std::vector<std::string> names = shared_parameter_names(empty);
+  for (int at : offsets_of(empty).pose) {
+    if (at < 0) continue;
+    int n_held = 0, n_given = 0;
+    for (int i = at; i < at + 6; ++i) {
+      n_held += constraints.held[i];
+      n_given += std::any_of(constraints.values.begin(), constraints.values.end(), [&](const auto& v) {
+        return constraints.tied_to[v.first] == constraints.tied_to[i];
+      });
+    }
+    if (n_held == 6 && n_given == 0)
+      return Error{ErrorCode::kInvalidData,
+                   std::string("a whole pose cannot be held without numbers for it; ") + next,
+                   "fixed parameter '" + names[at] + "'"};
+  }
+  return {};
+}
+
 // \param fits  of each camera alone, which then need no seed; may be empty
 Result<Calibration> calibrate_with(const Dataset& data, const RefineOptions& options,
                                    const std::vector<std::optional<Calibration>>& fits) {
@@ -333,6 +387,7 @@ Result<Calibration> calibrate_with(const Dataset& data, const RefineOptions& opt
   const auto constraints = constraints_of(empty, options);
   if (!constraints) return constraints.error();
   if (auto status = enough_views(empty, *constraints); !status) return status.error();
+  if (auto status = check_held_without_start(empty, *constraints, options); !status) return status.error();
 
   // Suspects take no part in the start; from there on residuals judge them like all others.
   const bool all_fitted =

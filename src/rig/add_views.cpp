@@ -74,6 +74,8 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
   cal.data = old.data;
   cal.T_rig_board = old.T_rig_board;
   cal.T_board0_board = old.T_board0_board;
+  cal.bow_m = old.bow_m;
+  cal.clocks = old.clocks;
   cal.provenance = old.provenance;
 
   std::vector<int> frame_of(more.frames.size(), -1);

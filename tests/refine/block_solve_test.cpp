@@ -205,6 +205,17 @@ TEST(BlockSolve, TakesSeveralBoards) {
   expect_same_optimum(start, {.max_iterations = 500});
 }
 
+// Another camera than the first may start where the first is: it has a pose all the same.
+TEST(BlockSolve, MovesACameraThatStartsAtTheIdentity) {
+  Calibration start =
+      start_of({.lenses = {example_lens("opencv5"), example_lens("opencv5")}, .baseline_m = 0.002}, 0.1, 19);
+  start.rig.T_cam_rig[1] = SE3();
+  Calibration cal = start;
+  ASSERT_TRUE(solve_blocks(cal, {}).usable);
+  EXPECT_GT(cal.rig.T_cam_rig[1].t().norm(), 1e-4);
+  expect_same_optimum(start, {});
+}
+
 TEST(BlockSolve, GivesTheSameBytesForAnyNumberOfThreads) {
   const Calibration start =
       start_of({.lenses = {example_lens("opencv8"), example_lens("kb4")}, .n_frames = 50}, 0.3, 14);

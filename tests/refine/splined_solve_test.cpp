@@ -225,6 +225,20 @@ TEST(CalibrateSplined, InARigBesideAnotherLens) {
   EXPECT_EQ(std::get<Splined>(again->rig.cameras[1].lens).k, std::get<Splined>(twice->rig.cameras[1].lens).k);
 }
 
+// The spline ends inside no picture, but its grid is not the picture's: nothing is to be said of folds there.
+TEST(CalibrateSplined, ANarrowViewWithSomePlainCamera) {
+  const Simulation sim = simulate({.lenses = {example_lens("opencv5"), example_lens("opencv5")}, .seed = 6});
+  RefineOptions options;
+  options.lenses = {"splined:10x8:90", "opencv5"};
+  const auto cal = calibrate(with_noise(sim.truth.data, 0.1, 2), options);
+  ASSERT_TRUE(cal) << cal.error().text();
+  EXPECT_LT(cal->stats.rms_xy_px, 0.12);
+  options.priors = {{"cam0 fx", 500, 5}};
+  const auto refused = calibrate(sim.truth.data, options);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kUnsupported);
+}
+
 TEST(CalibrateSplined, HoldsTheCore) {
   Calibration start = start_of(wide_scene(8), "splined:9x8:130", 0.2);
   const auto refined = refine(start, {});

@@ -51,9 +51,9 @@ Status check_folds(const Format& format, const Rig& rig);
 /// T_cam_rig is the identity, and poses_known() of the rig is false.
 Result<Rig> read_rig(std::span<const NamedBytes> files, std::string_view format_name = "");
 
-/// False when two cameras of the rig have the same pose, to 1e-9 m and rad: no two cameras stand in one
-/// place, so those poses are the identities of a file without any. Such a rig serves for what concerns each
-/// camera by itself. A rig of one camera has its pose.
+/// False when all cameras of a rig of several have the same pose, to 1e-9 m and rad: those poses are the
+/// identities of a file without any. (Two may well share one, behind a beam splitter.) Such a rig serves for
+/// what concerns each camera by itself. A rig of one camera has its pose.
 bool poses_known(const Rig& rig);
 
 }  // namespace plumbline
