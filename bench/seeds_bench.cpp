@@ -2,7 +2,7 @@
 // seeds_bench FOV NOISE VIEWS LENS TRIALS [THREADS] [FOLDER]
 // How often calibrate() reaches, from corners alone, the optimum that a solve from the truth reaches: cost at
 // most 1e-6 above it. Beside it OpenCV on the same corners. One JSON line; with FOLDER the trials are written
-// as text for mrcal (bench/seeds/mrcal_trials.py).
+// as text (true focal length and cost; frame, point, u, v), for other tools.
 #include <cfloat>
 #include <cmath>
 #include <cstdio>
