@@ -10,15 +10,10 @@
 #include <cmath>
 
 #include "plumbline/geometry/so3.hpp"
+#include "refine/pose_block.hpp"
 
 namespace plumbline::detail {
 namespace {
-
-SE3 pose_of(const double* block) {
-  SE3 T;
-  std::copy_n(block, 7, T.qt.begin());
-  return T;
-}
 
 // J [-[v]_x | I | 0], two rows of seven columns; the row j (-[v]_x) is v x j.
 void write_pose(double* out, const Mat23& J, const Vec3& v) {

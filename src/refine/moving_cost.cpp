@@ -7,18 +7,13 @@
 #include <utility>
 
 #include "plumbline/geometry/so3.hpp"
+#include "refine/pose_block.hpp"
 
 namespace plumbline::detail {
 namespace {
 
 constexpr int kFirstPose = 2, kDelay = kFirstPose + kMotionFrames, kOffset = kDelay + 1,
               kFurther = kOffset + 1;
-
-SE3 pose_of(const double* block) {
-  SE3 T;
-  std::copy_n(block, 7, T.qt.begin());
-  return T;
-}
 
 // Two rows of a row-major Jacobian with `stride` columns; entries beyond J's columns are zero.
 template <class Derived>

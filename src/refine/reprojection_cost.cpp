@@ -12,6 +12,7 @@
 #include "plumbline/core/check.hpp"
 #include "plumbline/geometry/se3.hpp"
 #include "plumbline/geometry/so3.hpp"
+#include "refine/pose_block.hpp"
 
 namespace plumbline::detail {
 
@@ -43,12 +44,6 @@ Scaling scaling_of(Loss loss, double scale, double s) {
 }
 
 namespace {
-
-SE3 pose_of(const double* block) {
-  SE3 T;
-  std::copy_n(block, 7, T.qt.begin());
-  return T;
-}
 
 template <class L>
 class ViewCost final : public ceres::CostFunction {

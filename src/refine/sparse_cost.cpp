@@ -7,15 +7,10 @@
 #include <cmath>
 
 #include "plumbline/geometry/se3.hpp"
+#include "refine/pose_block.hpp"
 
 namespace plumbline::detail {
 namespace {
-
-SE3 pose_of(const double* block) {
-  SE3 T;
-  std::copy_n(block, 7, T.qt.begin());
-  return T;
-}
 
 // J d(p)/d[dw | dt] = J [-[v]_x | I] of one row: the row j (-[v]_x) is v x j.
 void write_pose(double* out, const Vec3& j, const Vec3& v) {
