@@ -51,13 +51,9 @@ struct Correction {
   Basis x, y;
 };
 
-bool within_reach(const Splined& lens, const Vec2& u) {
-  const Vec2 reach = lens.reach();
-  return std::abs(u.x()) <= reach.x() && std::abs(u.y()) <= reach.y();
-}
-
 std::optional<Correction> correction_at(const Splined& lens, const Vec2& u) {
-  if (!within_reach(lens, u)) return std::nullopt;
+  const Vec2 reach = lens.reach();
+  if (!(std::abs(u.x()) <= reach.x() && std::abs(u.y()) <= reach.y())) return std::nullopt;
   const double s = lens.knots_per_unit();
   Correction at;
   at.x = basis_at(lens.order, lens.n_x, u.x() * s + 0.5 * (lens.n_x - 1));
@@ -169,11 +165,17 @@ Vec2 Splined::knot(int i, int j) const {
   return Vec2(i - 0.5 * (n_x - 1), j - 0.5 * (n_y - 1)) / knots_per_unit();
 }
 
-std::optional<std::array<int, 2>> Splined::first_knots(const Vec2& u) const {
-  if (!within_reach(*this, u)) return std::nullopt;
-  const double s = knots_per_unit();
-  return std::array<int, 2>{first_knot(order, n_x, u.x() * s + 0.5 * (n_x - 1)),
-                            first_knot(order, n_y, u.y() * s + 0.5 * (n_y - 1))};
+SplineGrid::SplineGrid(const Splined& lens)
+    : order(lens.order),
+      n_x(lens.n_x),
+      n_y(lens.n_y),
+      knots_per_unit(lens.knots_per_unit()),
+      reach(lens.reach()) {}
+
+std::optional<std::array<int, 2>> SplineGrid::first_knots(const Vec2& u) const {
+  if (!(std::abs(u.x()) <= reach.x() && std::abs(u.y()) <= reach.y())) return std::nullopt;
+  return std::array<int, 2>{first_knot(order, n_x, u.x() * knots_per_unit + 0.5 * (n_x - 1)),
+                            first_knot(order, n_y, u.y() * knots_per_unit + 0.5 * (n_y - 1))};
 }
 
 std::vector<std::string> Splined::param_names() const {

@@ -86,7 +86,8 @@ void add_control_points(const BlockProblem& problem, const BlockState& state, co
   while (problem.splines[s].cam != view.cam) ++s;
   const auto& lens = std::get<Splined>(state.lenses[view.cam]);
   SplineSums& into = sums.splines[s];
-  const auto pose = sums.control.middleCols<6>(2);
+  const Eigen::Map<const MatX> control(sums.control.data(), patch.n_rows, kSplineColumns);
+  const auto pose = control.middleCols<6>(2);
   if (chain.one_pose)
     A_sf.middleRows(patch.first_row, patch.n_rows) += pose;
   else
@@ -96,7 +97,7 @@ void add_control_points(const BlockProblem& problem, const BlockState& state, co
     const int n = 2 * (range.to - range.from), from = patch.row_of_knots[j] + 2 * range.from,
               to = lens.control_point(range.from, static_cast<int>(j)) - 4;
     if (n == 0) continue;
-    const auto rows = sums.control.middleRows(from, n);
+    const auto rows = control.middleRows(from, n);
     into.g.segment(to, n) += rows.col(8);
     auto strip = into.strip.middleRows(to, n);
     strip.leftCols<2>() += rows.leftCols<2>();
@@ -130,7 +131,7 @@ std::optional<Accumulated> accumulate(const BlockProblem& problem, const BlockSt
     const auto& patches = coupling_of(problem, normal, f).patches;
     const SplinePatch& patch = *std::find_if(patches.begin(), patches.end(),
                                              [&](const SplinePatch& p) { return p.cam == view.cam; });
-    sums.control.setZero(patch.n_rows, kSplineColumns);
+    sums.control.assign(static_cast<std::size_t>(patch.n_rows * kSplineColumns + kSplineSlack), 0.0);
     std::size_t s = 0;
     while (problem.splines[s].cam != view.cam) ++s;
     cost = accumulate_spline(question, &normal.knots[view.knots_at], patch, result.gram, sums.splines[s].band,

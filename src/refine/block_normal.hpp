@@ -74,7 +74,7 @@ struct BlockSums {
   MatX A;  ///< of the dense parameters
   VecX g;
   std::vector<SplineSums> splines;
-  MatX control;  ///< work space
+  std::vector<double> control;  ///< work space
 };
 
 /// A = J'J and g = J'r: over the shared parameters, over each board pose, and between the two.

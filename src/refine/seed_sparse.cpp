@@ -103,8 +103,11 @@ Result<Calibration> seed_sparse(const Dataset& mono, const std::string& spec, co
     return seed_camera(mono, name, options,
                        of_matrix_alone(constraints, n_params(*make_lens(name, ImageSize{}, 1.0))));
   };
+  // The spline takes over whatever is left; this far from the corners it starts well enough, and another lens
+  // would only be tried for nothing.
+  const double near_px = 1e-3 * std::hypot(mono.cameras[0].size.width, mono.cameras[0].size.height);
   auto best = seed_with("kb4");
-  if (!best || widest_angle(*best) < kWide) {
+  if (!best || (widest_angle(*best) < kWide && score_px(*best) > near_px)) {
     auto other = seed_with("opencv8");
     if (other && (!best || score_px(*other) < score_px(*best))) best = std::move(other);
   }
@@ -119,7 +122,7 @@ Result<Calibration> seed_sparse(const Dataset& mono, const std::string& spec, co
   best->rig.cameras[0].lens = *lens;
   best->stats.weak.clear();  // what it says of the other lens
   bring_back(*best);
-  pose_views(*best);
+  pose_views(*best, Repose::kPoor);
   return best;
 }
 

@@ -8,6 +8,20 @@
 namespace plumbline::detail {
 namespace {
 
+// Four doubles, whatever the registers hold. No function of this file is called from another, so that how such
+// vectors are passed is nobody else's business.
+#pragma GCC diagnostic ignored "-Wpsabi"
+typedef double Four __attribute__((vector_size(32)));
+inline __attribute__((always_inline)) Four load4(const double* p) {
+  Four a;
+  __builtin_memcpy(&a, p, sizeof a);
+  return a;
+}
+inline __attribute__((always_inline)) void add4(double* p, Four a) {
+  const Four sum = load4(p) + a;
+  __builtin_memcpy(p, &sum, sizeof sum);
+}
+
 // Values and slopes of the kOrder + 1 uniform B-splines that are not zero at x, the distance from the knot
 // after the first of them (lens/splined.cpp).
 template <int kOrder>
@@ -24,31 +38,34 @@ inline __attribute__((always_inline)) void splines_at(double x, double* value, d
   }
 }
 
-// m = u + c(u), d(m)/d(u), and how much each control point has of c.
-template <int kOrder>
+// m = u + c(u), d(m)/d(u), and how much each control point has of c, row by row; beyond the order zeros.
 struct SplineAt {
-  double m[2], J[4], weight[kOrder + 1][kOrder + 1];
+  double m[2], J[4];
+  Four weight[4];
 };
 
 template <int kOrder>
 inline __attribute__((always_inline)) void evaluate_spline(const SplineInput& in, int first_x, int first_y,
-                                                           double u_x, double u_y, SplineAt<kOrder>& at) {
+                                                           double u_x, double u_y, SplineAt& at) {
   constexpr int kN = kOrder + 1;
   const double s = in.knots_per_unit;
-  double value_x[kN], slope_x[kN], value_y[kN], slope_y[kN];
+  double value_x[4] = {}, slope_x[4] = {}, value_y[4] = {}, slope_y[4] = {};
   splines_at<kOrder>(u_x * s + 0.5 * (in.n_x - 1) - (first_x + 1), value_x, slope_x);
   splines_at<kOrder>(u_y * s + 0.5 * (in.n_y - 1) - (first_y + 1), value_y, slope_y);
+  const Four weights_x = load4(value_x);
   double c[2] = {0, 0}, along_x[2] = {0, 0}, along_y[2] = {0, 0};
+#pragma GCC unroll 4
   for (int j = 0; j < kN; ++j) {
     const double* row = in.at.k + 4 + 2 * ((first_y + j) * in.n_x + first_x);
     double value[2] = {0, 0}, slope[2] = {0, 0};
+#pragma GCC unroll 4
     for (int i = 0; i < kN; ++i) {
       for (int axis = 0; axis < 2; ++axis) {
         value[axis] += value_x[i] * row[2 * i + axis];
         slope[axis] += slope_x[i] * row[2 * i + axis];
       }
-      at.weight[j][i] = value_y[j] * value_x[i];
     }
+    at.weight[j] = value_y[j] * weights_x;
     for (int axis = 0; axis < 2; ++axis) {
       c[axis] += value_y[j] * value[axis];
       along_x[axis] += value_y[j] * slope[axis];
@@ -60,19 +77,20 @@ inline __attribute__((always_inline)) void evaluate_spline(const SplineInput& in
   at.J[2] = s * along_x[1], at.J[3] = 1 + s * along_y[1];
 }
 
-// sum_ij += the products of the weights of the corner's control points with each other, wherever the second
-// does not come before the first in the grid.
+// Of each of the corner's control points the products of its weight with those that do not come before it in
+// the grid.
 template <int kOrder>
-inline __attribute__((always_inline)) void add_band(const SplineInput& in, const SplineAt<kOrder>& at,
-                                                    double factor, int first_x, int first_y, double* band) {
+inline __attribute__((always_inline)) void add_band(const SplineInput& in, const SplineAt& at, double factor,
+                                                    int first_x, int first_y, double* band) {
   constexpr int kN = kOrder + 1;
+#pragma GCC unroll 4
   for (int j = 0; j < kN; ++j) {
+    const Four row = factor * at.weight[j];
+#pragma GCC unroll 4
     for (int i = 0; i < kN; ++i) {
-      const double w = factor * at.weight[j][i];
       double* own = band + kSplineBand * ((first_y + j) * in.n_x + first_x + i) + 3 - i;
-      for (int dj = 0; j + dj < kN; ++dj) {
-        for (int e = 0; e < kN; ++e) own[7 * dj + e] += w * at.weight[j + dj][e];
-      }
+#pragma GCC unroll 4
+      for (int dj = 0; j + dj < kN; ++dj) add4(own + 7 * dj, row[i] * at.weight[j + dj]);
     }
   }
 }
@@ -84,33 +102,34 @@ struct SplineRowPair {
 };
 
 template <int kOrder>
-inline __attribute__((always_inline)) void add_control(const SplineInput& in, const SplineAt<kOrder>& at,
+inline __attribute__((always_inline)) void add_control(const SplineInput& in, const SplineAt& at,
                                                        const SplineRowPair& rows, double factor, int first_x,
                                                        int first_y, double* control) {
   constexpr int kN = kOrder + 1;
-  double weight[kN][2 * kN];  // of x and y in turn, as the control points lie in memory
+  const Four f = {factor * in.at.k[0], factor * in.at.k[1], factor * in.at.k[0], factor * in.at.k[1]};
+#pragma GCC unroll 4
   for (int j = 0; j < kN; ++j) {
-    for (int i = 0; i < kN; ++i) weight[j][2 * i] = weight[j][2 * i + 1] = at.weight[j][i];
-  }
-  const double f[2] = {factor * in.at.k[0], factor * in.at.k[1]};
-  for (int c = 0; c < kSplineColumns; ++c) {
-    double a[2 * kN];
-    for (int i = 0; i < kN; ++i) a[2 * i] = f[0] * rows.T[0][c], a[2 * i + 1] = f[1] * rows.T[1][c];
-    for (int j = 0; j < kN; ++j) {
-      double* out = control + c * in.n_rows + in.row_of_knots[first_y + j] + 2 * first_x;
-      for (int e = 0; e < 2 * kN; ++e) out[e] += weight[j][e] * a[e];
+    const Four w = at.weight[j];  // of x and y in turn, as the control points lie in memory
+    const Four left = f * Four{w[0], w[0], w[1], w[1]}, right = f * Four{w[2], w[2], w[3], w[3]};
+    double* out = control + in.row_of_knots[first_y + j] + 2 * first_x;
+#pragma GCC unroll 9
+    for (int c = 0; c < kSplineColumns; ++c) {
+      const Four a = {rows.T[0][c], rows.T[1][c], rows.T[0][c], rows.T[1][c]};
+      add4(out + c * in.n_rows, left * a);
+      add4(out + c * in.n_rows + 4, right * a);
     }
   }
 }
 
+// sums[axis][i][..] += T_i T, as far as the lower triangle needs it.
 inline __attribute__((always_inline)) void add_gram(const SplineRowPair& rows, double factor,
                                                     double (*sums)[kSplineColumns][kSplineColumnsPadded]) {
   for (int axis = 0; axis < 2; ++axis) {
     const double* T = rows.T[axis];
 #pragma GCC unroll 9
     for (int i = 0; i < kSplineColumns; ++i) {
-      const double w = factor * T[i];
-      for (int j = 0; j < (i / 4 + 1) * 4; ++j) sums[axis][i][j] += w * T[j];
+#pragma GCC unroll 3
+      for (int j = 0; j <= i; j += 4) add4(sums[axis][i] + j, factor * T[i] * load4(T + j));
     }
   }
 }
@@ -156,7 +175,7 @@ double run_spline_of(const SplineInput& in, const SplineOutput& out) {
     const double n = __builtin_sqrt(x * x + y * y + z * z), scale = 2 / (n + z);
     const double u_x = scale * x, u_y = scale * y;
     const int first_x = in.first_knots[2 * p], first_y = in.first_knots[2 * p + 1];
-    SplineAt<kOrder> at;
+    SplineAt at;
     evaluate_spline<kOrder>(in, first_x, first_y, u_x, u_y, at);
     if (!(at.J[0] * at.J[3] - at.J[1] * at.J[2] > 0)) return __builtin_nan("");
     const double weight = in.points[3 * in.n_padded + p];

@@ -8,12 +8,13 @@ namespace plumbline::detail {
 
 bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorners& corners,
                    int* first_knots) {
+  const SplineGrid grid(lens);
   const Mat3 R = T_cam_board.R();
   const Vec3 t = T_cam_board.t();
   const int n = corners.n_padded();
   const double* at = corners.points->data();
   for (int i = 0; i < corners.n; ++i) {
-    const auto first = lens.first_knots(stereographic(R * Vec3(at[i], at[n + i], at[2 * n + i]) + t));
+    const auto first = grid.first_knots(stereographic(R * Vec3(at[i], at[n + i], at[2 * n + i]) + t));
     if (!first) return false;
     first_knots[2 * i] = (*first)[0], first_knots[2 * i + 1] = (*first)[1];
   }
@@ -60,7 +61,7 @@ void SplineSums::add(const SplineSums& other) {
 
 std::optional<double> accumulate_spline(const ViewQuestion& q, const int* first_knots,
                                         const SplinePatch& patch, Gram& gram, std::vector<double>& band,
-                                        MatX& control) {
+                                        std::vector<double>& control) {
   const auto& lens = std::get<Splined>(q.lens);
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = q.T_cam_board.R();
   const Vec3 t = q.T_cam_board.t();

@@ -46,11 +46,11 @@ struct SplineSums {
 };
 
 /// As accumulate_view(), with the gram over [fx fy cx cy | dw dt | residual]. The control points' products
-/// with [focal length, centre | dw dt | residual] are added to `control` (patch.n_rows x kSplineColumns),
+/// with [focal length, centre | dw dt | residual] are added to `control` (as in SplineOutput),
 /// those with each other to `band`.
 std::optional<double> accumulate_spline(const ViewQuestion& question, const int* first_knots,
                                         const SplinePatch& patch, Gram& gram, std::vector<double>& band,
-                                        MatX& control);
+                                        std::vector<double>& control);
 
 /// Adds the band to the lower triangle of A, where the lens' parameters start at `lens_at`.
 void expand_band(const Splined& lens, const std::vector<double>& band, int lens_at, MatX& A);

@@ -73,12 +73,16 @@ constexpr int kSplineGram = 11;
 /// A knot and another of at most three rows below: 7 (row below) + 3 + (columns to the right of it).
 constexpr int kSplineBand = 28;
 
+constexpr int kSplineSlack = 4;
+
 struct SplineOutput {
   double* gram;  ///< lower triangle, row by row
   /// Added to: of each knot kSplineBand sums of products of its and another knot's weights. Times fx^2 this
   /// is what their x have with each other, times fy^2 their y.
   double* band;
-  double* control;  ///< added to: kSplineColumns columns of n_rows, the control points' products with those
+  /// Added to: kSplineColumns columns of n_rows numbers, the control points' products with those; then
+  /// kSplineSlack numbers that may be touched, but not changed.
+  double* control;
 };
 
 /// Half the sum of rho; NaN when the surface is folded at a corner.

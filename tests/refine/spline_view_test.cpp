@@ -110,7 +110,8 @@ TEST(SplineKernel, SumsWhatTheLensSays) {
       for (const KernelSet* set : kernel_sets_here()) {
         SplineSums sums;
         sums.clear(splined, 2);
-        MatX control = MatX::Zero(patch.n_rows, kSplineColumns);
+        std::vector<double> products(static_cast<std::size_t>(patch.n_rows * kSplineColumns + kSplineSlack));
+        const Eigen::Map<const MatX> control(products.data(), patch.n_rows, kSplineColumns);
         Gram gram;
         const double cost = set->spline({{splined.k.data(), R.data(), t.data()},
                                          splined.order,
@@ -126,7 +127,7 @@ TEST(SplineKernel, SumsWhatTheLensSays) {
                                          patch.n_rows,
                                          0,
                                          1},
-                                        {gram.lower, sums.band.data(), control.data()});
+                                        {gram.lower, sums.band.data(), products.data()});
         EXPECT_NEAR(cost, 0.5 * expected(n + 6, n + 6), 1e-12 * expected(n + 6, n + 6)) << set->name;
         MatX got = MatX::Zero(n + 7, n + 7);
         expand_band(splined, sums.band, 0, got);

@@ -61,8 +61,6 @@ struct Splined {
   Vec2 reach() const;
   int control_point(int i, int j) const { return 4 + 2 * (j * n_x + i); }  ///< index of c_ij's x
   Vec2 knot(int i, int j) const;                                           ///< u of the knot (i, j)
-  /// The first of the order + 1 knots each way whose splines are not zero at u; nullopt outside the domain.
-  std::optional<std::array<int, 2>> first_knots(const Vec2& u) const;
 
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr, SparseJac* J_px_k = nullptr) const;
   std::optional<Vec3> unproject(const Vec2& px) const;
@@ -70,6 +68,16 @@ struct Splined {
   /// mrcal's regularisation: the correction at each control point along the radius, and ten times stronger
   /// across it.
   std::vector<PriorRow> priors() const;
+};
+
+/// Where the splines of a lens lie, computed once for many points.
+struct SplineGrid {
+  explicit SplineGrid(const Splined& lens);
+  int order, n_x, n_y;
+  double knots_per_unit;
+  Vec2 reach;
+  /// The first of the order + 1 knots each way whose splines are not zero at u; nullopt beyond the reach.
+  std::optional<std::array<int, 2>> first_knots(const Vec2& u) const;
 };
 
 /// Stereographic coordinates of a point, and the unit ray of them.
