@@ -60,18 +60,33 @@ void add_transposed_product(const Coupling& coupling, const double* B, const Vec
   }
 }
 
-// The matrix over the free numbers: rows and columns that share one are summed. \param A  lower triangle
-MatX reduced(const MatX& A, const Reduction& reduction) {
-  MatX out = MatX::Zero(reduction.n_free, reduction.n_free);
+// The matrix over the free numbers, lower triangles both: rows and columns that share one are summed.
+void reduce(const MatX& A, const Reduction& reduction, MatX& out) {
+  out.setZero(reduction.n_free, reduction.n_free);
   for (int j = 0; j < A.cols(); ++j) {
     const int b = reduction.column[j];
     if (b < 0) continue;
     for (int i = j; i < A.rows(); ++i) {
       const int a = reduction.column[i];
       if (a < 0) continue;
-      out(a, b) += A(i, j);
-      if (i != j) out(b, a) += A(i, j);
+      if (a >= b)
+        out(a, b) += (a == b && i != j ? 2 : 1) * A(i, j);
+      else
+        out(b, a) += A(i, j);
     }
+  }
+}
+
+// The diagonal of the same.
+VecX reduced_diagonal(const MatX& A, const Reduction& reduction) {
+  VecX out = VecX::Zero(reduction.n_free);
+  std::vector<std::vector<int>> sharing(static_cast<std::size_t>(reduction.n_free));
+  for (int i = 0; i < A.rows(); ++i) {
+    const int a = reduction.column[i];
+    if (a < 0) continue;
+    out[a] += A(i, i);
+    for (const int j : sharing[static_cast<std::size_t>(a)]) out[a] += 2 * A(i, j);
+    sharing[static_cast<std::size_t>(a)].push_back(i);
   }
   return out;
 }
@@ -126,13 +141,15 @@ bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, R
   reduction_ = std::move(reduction);
   lambda_ = lambda;
   hold_boards_ = hold_boards;
-  MatX S = normal.A_ss;
+  MatX& S = work_;
+  S = normal.A_ss;
   if (!hold_boards && !eliminate_boards(S)) return false;
-  const VecX D = reduced(normal.A_ss, reduction_).diagonal().cwiseMax(1e-300);
-  S_ = reduced(S, reduction_);
+  const VecX D = reduced_diagonal(normal.A_ss, reduction_).cwiseMax(1e-300);
+  reduce(S, reduction_, S_);
   S_.diagonal() += lambda * D;
   scale_ = D.cwiseSqrt().cwiseInverse();  // to a unit diagonal: parameters of unlike units
-  S_ = (scale_.asDiagonal() * S_ * scale_.asDiagonal()).eval();
+  for (int j = 0; j < reduction_.n_free; ++j)
+    S_.col(j).tail(reduction_.n_free - j).array() *= scale_[j] * scale_.tail(reduction_.n_free - j).array();
   D_s_ = VecX::Zero(S.rows());
   std::vector<bool> counted(static_cast<std::size_t>(reduction_.n_free), false);
   for (int i = 0; i < S.rows(); ++i) {

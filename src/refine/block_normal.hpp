@@ -138,7 +138,8 @@ class BlockFactor {
   std::vector<double> B_;
   std::vector<Vec6> D_f_;
   std::vector<MatX> runs_;
-  MatX S_;            // of the free numbers, scaled to a unit diagonal of A
+  MatX work_;
+  MatX S_;            // of the free numbers, scaled to a unit diagonal of A; lower triangle
   VecX scale_, D_s_;  // D_s_: what damps each free number, at the first of the parameters that share it
   double lambda_ = 0;
 };
