@@ -18,6 +18,8 @@ constexpr int kPlainIterations = 10;
 // An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
 constexpr int kEdgeMemory = 20;
 constexpr int kMostJumps = 4;
+// Their matrix is dense: 290 MB of it for so many.
+constexpr int kMostShared = 6000;
 constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
 // The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
@@ -118,8 +120,9 @@ bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
   for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
     if (bow_of(cal, static_cast<int>(i))) return false;
   }
-  if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal);
+  if (offsets.total > kMostShared) return false;
+  if (spec.held.empty()) return true;
   std::vector<int> poses = offsets.pose;
   poses.insert(poses.end(), offsets.board.begin(), offsets.board.end());
   for (int at : poses) {

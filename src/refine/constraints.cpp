@@ -220,16 +220,24 @@ Status hold_others(Constraints& c, const Calibration& cal, const std::vector<std
   return {};
 }
 
-// Control points mean nothing one by one, and the solver of splines knows neither ties nor priors.
+// Control points mean nothing one by one, and the four other parameters of a splined lens are held.
 Status check_splined(const Constraints& c, const Calibration& cal) {
-  for (const Camera& camera : cal.rig.cameras) {
-    bool tied = false;
-    for (std::size_t i = 0; i < c.tied_to.size(); ++i) tied |= c.tied_to[i] != static_cast<int>(i);
-    if (!is_sparse(camera.lens) || (!tied && c.priors.empty())) continue;
-    return Error{ErrorCode::kUnsupported,
-                 "a rig with a splined lens takes neither ties nor priors; choose another lens, or hold "
-                 "parameters instead",
-                 "camera " + camera.name};
+  const Offsets offsets = offsets_of(cal);
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const Camera& camera = cal.rig.cameras[cam];
+    if (!is_sparse(camera.lens)) continue;
+    const auto of_lens = [&](int i) {
+      return i >= offsets.lens[cam] && i < offsets.lens[cam] + n_params(camera.lens);
+    };
+    bool asked =
+        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return of_lens(p.index); });
+    for (int i = 0; i < static_cast<int>(c.tied_to.size()); ++i)
+      asked |= c.tied_to[i] != i && (of_lens(i) || of_lens(c.tied_to[i]));
+    if (!asked) continue;
+    return Error{
+        ErrorCode::kUnsupported,
+        "a splined lens takes neither ties nor priors; choose another lens, or hold parameters instead",
+        "camera " + camera.name};
   }
   return {};
 }
