@@ -61,18 +61,37 @@ void parallel_for(int n, int n_threads, const std::function<void(int)>& body) {
   loop.rethrow();
 }
 
+namespace {
+
+// Waking a sleeping thread takes longer than many a loop, so a thread that waits looks for a while by itself.
+constexpr int kLooks = 1000;
+template <class Ready>
+void look_for(int looks, Ready&& ready) {
+  while (looks-- > 0 && !ready()) {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#endif
+  }
+}
+
+}  // namespace
+
 struct Workers::Shared {
   std::mutex lock;
   std::condition_variable start, done;
   Loop* loop = nullptr;
-  unsigned round = 0;  // counts the loops, so that a thread takes part in each once
-  int busy = 0;
+  std::atomic<unsigned> round{0};  // counts the loops, so that a thread takes part in each once
+  std::atomic<int> busy{0};
   bool stop = false;
+  int looks = 0;  // none where threads would take the cores from each other
   std::vector<std::thread> threads;
 
   void serve() {
     std::unique_lock guard(lock);
     for (unsigned seen = 0;;) {
+      guard.unlock();
+      look_for(looks, [&] { return round.load() != seen; });
+      guard.lock();
       start.wait(guard, [&] { return stop || round != seen; });
       if (stop) return;
       seen = round;
@@ -88,6 +107,8 @@ struct Workers::Shared {
 };
 
 Workers::Workers(int n_threads) : shared_(std::make_unique<Shared>()) {
+  if (threads_for(n_threads) <= static_cast<int>(std::thread::hardware_concurrency()))
+    shared_->looks = kLooks;
   try {
     for (int t = 1; t < threads_for(n_threads); ++t)
       shared_->threads.emplace_back([shared = shared_.get()] { shared->serve(); });
@@ -119,8 +140,12 @@ void Workers::run(int n, const std::function<void(int)>& body) {
   }
   shared_->start.notify_all();
   loop.work();
+  {
+    const std::lock_guard guard(shared_->lock);
+    shared_->loop = nullptr;  // nobody joins any more
+  }
+  look_for(shared_->looks, [&] { return shared_->busy.load() == 0; });
   std::unique_lock guard(shared_->lock);
-  shared_->loop = nullptr;
   shared_->done.wait(guard, [&] { return shared_->busy == 0; });
   guard.unlock();
   loop.rethrow();

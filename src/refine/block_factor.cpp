@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "plumbline/core/linalg.hpp"
@@ -165,12 +166,19 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
   const std::size_t n_frames = problem_->frames.size();
   BlockVector d{VecX::Zero(g.shared.size()), std::vector<Vec6>(n_frames, Vec6::Zero())};
   VecX b = g.shared;
-  if (!hold_boards_) {
-    for (std::size_t f = 0; f < n_frames; ++f) {
-      d.boards[f] = forward(L_[f], g.boards[f]);
-      subtract_product(coupling(f), B_.data() + coupling(f).at, d.boards[f], b);
-    }
-  }
+  const Runs runs(n_frames);
+  const auto for_each_frame = [&](const std::function<void(std::size_t f, int run)>& body) {
+    problem_->workers->run(hold_boards_ ? 0 : runs.n_runs, [&](int run) {
+      for (int i = runs.first(run); i < runs.first(run + 1); ++i) body(static_cast<std::size_t>(i), run);
+    });
+  };
+  std::vector<VecX> of_boards(hold_boards_ ? 0 : static_cast<std::size_t>(runs.n_runs), VecX::Zero(b.size()));
+  for_each_frame([&](std::size_t f, int run) {
+    d.boards[f] = forward(L_[f], g.boards[f]);
+    subtract_product(coupling(f), B_.data() + coupling(f).at, d.boards[f],
+                     of_boards[static_cast<std::size_t>(run)]);
+  });
+  for (const VecX& run : of_boards) b += run;
   if (reduction_.n_free > 0) {
     VecX b_free = VecX::Zero(reduction_.n_free);
     for (int i = 0; i < b.size(); ++i) {
@@ -183,12 +191,10 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
       if (column >= 0) d.shared[i] = -scale_[column] * (*x)(column, 0);
     }
   }
-  if (!hold_boards_) {
-    for (std::size_t f = 0; f < n_frames; ++f) {
-      add_transposed_product(coupling(f), B_.data() + coupling(f).at, d.shared, d.boards[f]);
-      d.boards[f] = -backward(L_[f], d.boards[f]);
-    }
-  }
+  for_each_frame([&](std::size_t f, int) {
+    add_transposed_product(coupling(f), B_.data() + coupling(f).at, d.shared, d.boards[f]);
+    d.boards[f] = -backward(L_[f], d.boards[f]);
+  });
   return d;
 }
 
