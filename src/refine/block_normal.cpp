@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "plumbline/geometry/so3.hpp"
+#include "plumbline/rig/calibration.hpp"
+#include "refine/block_extras.hpp"
 #include "refine/block_runs.hpp"
 
 namespace plumbline::detail {
@@ -76,6 +78,31 @@ void add_shared_pose(const BlockFrame& frame, int at, int lens_at, const Mat6& M
   sums.g.segment<6>(at).noalias() += M.transpose() * parts.g_p;
 }
 
+// Adds what the bow of a view's board, whose rows are the gram's last two, has with everything else. \param n
+// lens parameters
+void add_bow(const BlockProblem& problem, const BlockFrame& frame, const BlockView& view, const Chain& chain,
+             const Gram& gram, int n, Couplings& A_sf, BlockSums& sums) {
+  using Rows = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::ColMajor, 2, Gram::kMost>;
+  Rows rows(2, n + 9);
+  for (int j = 0; j < n + 9; ++j) {
+    rows(0, j) = j < n + 8 ? gram(n + 7, j) : gram(n + 8, n + 7);
+    rows(1, j) = gram(n + 8, j);
+  }
+  const int at = problem.offsets.bow[view.target], camera_at = problem.offsets.pose[view.cam],
+            board_at = problem.offsets.board[view.target];
+  const Eigen::Matrix<double, 2, 6> A_bp = rows.middleCols<6>(n);
+  // Bows come after lenses, cameras and boards: the lower triangle.
+  sums.A.block(at, problem.offsets.lens[view.cam], 2, n) += rows.leftCols(n);
+  sums.A.block<2, 2>(at, at) += rows.rightCols<2>();
+  sums.g.segment<2>(at) += rows.col(n + 6);
+  if (chain.one_pose)
+    A_sf.middleRows<2>(row_of(frame, at)) += A_bp;
+  else
+    A_sf.middleRows<2>(row_of(frame, at)).noalias() += A_bp * chain.frame;
+  if (camera_at >= 0) sums.A.block<2, 6>(at, camera_at).noalias() += A_bp * chain.camera;
+  if (board_at >= 0) sums.A.block<2, 6>(at, board_at).noalias() += A_bp * chain.board;
+}
+
 // Adds one view: its frame's own blocks to `normal`, what is shared to `sums`.
 bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t f, const BlockView& view,
               BlockNormal& normal, BlockSums& sums) {
@@ -83,8 +110,9 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   const Chain chain(state, view, f);
   const Lens& lens = state.lenses[view.cam];
   Gram gram;
-  const auto cost =
-      accumulate_view({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale}, &gram);
+  const auto cost = accumulate_view(
+      {lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale, state.bow_m[view.target]},
+      &gram);
   if (!cost) return false;
   sums.cost += *cost;
   const int n = n_params(lens), lens_at = problem.offsets.lens[view.cam];
@@ -95,6 +123,7 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   const Parts parts(gram, n);
   Couplings A_sf(normal.A_sf.data() + frame.at, frame.n_shared, 6);
   const int lens_row = row_of(frame, lens_at);
+  if (view.corners.bowed) add_bow(problem, frame, view, chain, gram, n, A_sf, sums);
   if (chain.one_pose) {
     normal.A_ff[f] += parts.A_pp;
     normal.g_f[f] += parts.g_p;
@@ -111,14 +140,6 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   if (camera_at >= 0 && board_at >= 0)  // boards come after cameras: the lower triangle
     sums.A.block<6, 6>(board_at, camera_at).noalias() += chain.board.transpose() * parts.A_pp * chain.camera;
   return true;
-}
-
-PriorRows priors_at(const BlockProblem& problem, const BlockState& state) {
-  Calibration cal = problem.shared_only;
-  for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
-  cal.rig.T_cam_rig = state.T_cam_rig;
-  cal.T_board0_board = state.T_board0_board;
-  return prior_rows(cal, *problem.spec);
 }
 
 void add_segment(std::vector<Segment>& list, int first, int n) {
@@ -140,6 +161,7 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
   if (!spec.priors.empty()) {
     problem.shared_only.rig = cal.rig;
     problem.shared_only.data.targets = cal.data.targets;
+    problem.shared_only.bow_m = cal.bow_m;
   }
   std::vector<int> place(cal.T_rig_board.size(), -1);
   ViewCorners last;
@@ -152,7 +174,8 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
       at = static_cast<int>(problem.frames.size());
       problem.frames.emplace_back().frame = cal.data.views[v].frame;
     }
-    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr);
+    const bool bowed = problem.offsets.bow[target] >= 0;
+    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr, bowed);
     last.n = corners.n;
     last.points = corners.points;
     BlockFrame& frame = problem.frames[at];
@@ -160,6 +183,7 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
     add_segment(frame.shared, problem.offsets.lens[cam], n_params(cal.rig.cameras[cam].lens));
     if (cam > 0) add_segment(frame.shared, problem.offsets.pose[cam], 6);
     if (target > 0) add_segment(frame.shared, problem.offsets.board[target], 6);
+    if (bowed) add_segment(frame.shared, problem.offsets.bow[target], 2);
   }
   for (BlockFrame& frame : problem.frames) {
     std::sort(frame.shared.begin(), frame.shared.end(),
@@ -199,12 +223,7 @@ bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNorm
     normal.A_ss += sums.A;
     normal.g_s += sums.g;
   }
-  if (!problem.spec->priors.empty()) {
-    const PriorRows rows = priors_at(problem, state);
-    normal.cost += 0.5 * rows.r.squaredNorm();
-    normal.A_ss += rows.J.transpose() * rows.J;
-    normal.g_s += rows.J.transpose() * rows.r;
-  }
+  add_extras(problem, state, normal);
   return std::isfinite(normal.cost);
 }
 
@@ -243,19 +262,21 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
         const Chain chain(state, view, f), ahead(other, view, f);
         const Lens& lens = state.lenses[view.cam];
         const auto second =
-            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale},
-                              other.lenses[view.cam], ahead.T_cam_board);
+            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale,
+                               state.bow_m[view.target]},
+                              other.lenses[view.cam], ahead.T_cam_board, other.bow_m[view.target]);
         if (!second) {
           sums.ok = false;
           break;
         }
         const int n = n_params(lens), camera_at = problem.offsets.pose[view.cam],
                   board_at = problem.offsets.board[view.target];
-        const Vec6 g_p = second->tail<6>();
+        const Vec6 g_p = second->segment<6>(n);
         sums.g.segment(problem.offsets.lens[view.cam], n) += second->head(n);
         out.boards[f] += chain.one_pose ? g_p : Vec6(chain.frame.transpose() * g_p);
         if (camera_at >= 0) sums.g.segment<6>(camera_at) += chain.camera.transpose() * g_p;
         if (board_at >= 0) sums.g.segment<6>(board_at) += chain.board.transpose() * g_p;
+        if (view.corners.bowed) sums.g.segment<2>(problem.offsets.bow[view.target]) += second->tail<2>();
       }
     }
   });
@@ -263,8 +284,7 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
     if (!sums.ok) return std::nullopt;
     out.shared += sums.g;
   }
-  if (!problem.spec->priors.empty())
-    out.shared += priors_at(problem, state).J.transpose() * priors_at(problem, other).r;
+  add_mixed_extras(problem, state, other, out.shared);
   return out;
 }
 

@@ -16,6 +16,7 @@ namespace plumbline::detail {
 struct BlockState {
   std::vector<Lens> lenses;
   std::vector<SE3> T_cam_rig, T_board0_board;
+  std::vector<Vec2> bow_m;       ///< per target; zero where it is no parameter
   std::vector<SE3> T_rig_board;  ///< of the first board, one for each BlockFrame
 };
 

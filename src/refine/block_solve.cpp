@@ -34,6 +34,8 @@ BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
   for (const Camera& camera : cal.rig.cameras) state.lenses.push_back(camera.lens);
   state.T_cam_rig = cal.rig.T_cam_rig;
   state.T_board0_board = cal.T_board0_board;
+  for (std::size_t i = 0; i < cal.data.targets.size(); ++i)
+    state.bow_m.push_back(bow_of(cal, static_cast<int>(i)).value_or(Vec2(0, 0)));
   for (const BlockFrame& frame : problem.frames) state.T_rig_board.push_back(*cal.T_rig_board[frame.frame]);
   return state;
 }
@@ -42,6 +44,9 @@ void write_to(Calibration& cal, const BlockProblem& problem, const BlockState& s
   for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
   cal.rig.T_cam_rig = state.T_cam_rig;
   cal.T_board0_board = state.T_board0_board;
+  for (std::size_t i = 0; i < state.bow_m.size(); ++i) {
+    if (problem.offsets.bow[i] >= 0) cal.bow_m[i] = state.bow_m[i];
+  }
   for (std::size_t f = 0; f < problem.frames.size(); ++f)
     cal.T_rig_board[problem.frames[f].frame] = state.T_rig_board[f];
 }
@@ -61,10 +66,21 @@ BlockState moved(const BlockProblem& problem, const BlockState& state, const Blo
   for (std::size_t i = 0; i < next.T_cam_rig.size(); ++i) move(next.T_cam_rig[i], problem.offsets.pose[i]);
   for (std::size_t i = 0; i < next.T_board0_board.size(); ++i)
     move(next.T_board0_board[i], problem.offsets.board[i]);
+  for (std::size_t i = 0; i < next.bow_m.size(); ++i) {
+    if (problem.offsets.bow[i] >= 0) next.bow_m[i] += step.shared.segment<2>(problem.offsets.bow[i]);
+  }
   for (std::size_t f = 0; f < next.T_rig_board.size(); ++f) {
     if (!step.boards[f].isZero(0)) next.T_rig_board[f] = box_plus(next.T_rig_board[f], step.boards[f]);
   }
   return next;
+}
+
+// A bow beside a lens with sparse derivatives is Ceres' to solve.
+bool has_bow_beside_sparse(const Calibration& cal) {
+  const Offsets offsets = offsets_of(cal);
+  return std::any_of(offsets.bow.begin(), offsets.bow.end(), [](int at) { return at >= 0; }) &&
+         std::any_of(cal.rig.cameras.begin(), cal.rig.cameras.end(),
+                     [](const Camera& camera) { return is_sparse(camera.lens); });
 }
 
 bool focal_lengths_positive(const BlockState& state) {
@@ -114,10 +130,7 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
-  if (has_clocks(cal)) return false;
-  for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
-    if (bow_of(cal, static_cast<int>(i))) return false;
-  }
+  if (has_clocks(cal) || has_bow_beside_sparse(cal)) return false;
   for (const Camera& camera : cal.rig.cameras) {
     if (is_sparse(camera.lens)) return false;
   }

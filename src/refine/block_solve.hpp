@@ -11,8 +11,7 @@ namespace plumbline::detail {
 SolveReport solve_blocks(Calibration& calibration, const SolveSpec& spec);
 
 /// False when some but not all components of a camera's rotation vector are held: such a rotation is stepped
-/// in other coordinates, which only solve_ceres() knows; and for lenses with sparse derivatives, boards whose
-/// bow is a parameter, and clocks.
+/// in other coordinates, which only solve_ceres() knows; and for lenses with sparse derivatives, and clocks.
 bool block_solver_can(const Calibration& calibration, const SolveSpec& spec);
 
 }  // namespace plumbline::detail
