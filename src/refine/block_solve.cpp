@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "plumbline/rig/motion.hpp"
+#include "refine/block_extras.hpp"
 #include "refine/block_normal.hpp"
 
 namespace plumbline::detail {
@@ -127,6 +128,18 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
   for (std::size_t f = 0; f < v.boards.size(); ++f) v.boards[f] += 0.5 * a->boards[f];
 }
 
+// Shortens a step to where guards that it does not know of end it. \param predicted  of the full step
+// \return  of the shortened one
+double shorten(const BlockProblem& problem, const BlockState& state, const BlockVector& g, double predicted,
+               BlockVector& step) {
+  double slope = g.shared.dot(step.shared);
+  for (std::size_t f = 0; f < step.boards.size(); ++f) slope += g.boards[f].dot(step.boards[f]);
+  const StepLength to = guarded_length(problem, state, step, slope, -2 * (predicted + slope));
+  step.shared *= to.length;
+  for (Vec6& d : step.boards) d *= to.length;
+  return to.gain;
+}
+
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
@@ -160,7 +173,9 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     for (const BlockView& view : frame.views) n_residuals += 2 * view.corners.n;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
-  int n_jumps = 0;
+  // A guard has no second derivative where it comes into force, and stops freer steps at once.
+  const bool smooth = spec.guards.empty();
+  int n_jumps = smooth ? 0 : kMostJumps;
   int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
@@ -172,6 +187,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     double gain = 0, predicted = 0;
     if (step) {
       predicted = factor.predicted_gain(g, *step);
+      if (!smooth) predicted = shorten(problem, state, g, predicted, *step);
       if (predicted <= tolerance * normal.cost + kRoundingPx * kRoundingPx * n_residuals) {
         // In a flat valley the damping alone can make the step small: only an undamped one tells.
         if (damping <= kUndamped) {
@@ -183,7 +199,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
         damping = std::max(1e-3 * damping, kLeastDamping);
         continue;
       }
-      if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
+      if (report.iterations > kPlainIterations && smooth) bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
         if (make_normal(problem, next, next_normal))
@@ -199,7 +215,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     if (gain > 0) {  // Nielsen 1999
       const double ratio = 2 * gain / predicted - 1;
       damping = std::max(kLeastDamping,
-                         damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
+                         damping * (smooth && ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
       growth = 2;
     } else if (step && predicted <= rounding_of(normal.cost, n_residuals) && damping > kUndamped &&
                n_jumps < kMostJumps) {

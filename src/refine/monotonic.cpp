@@ -104,7 +104,6 @@ std::optional<Constrained> constrained_fit(const Calibration& free, const SolveS
       Constrained trial{start, {}, guard_of(start.rig.cameras[cam], cam, data_rad, stretch)};
       SolveSpec guarded = spec;
       guarded.guards.push_back(trial.guard);
-      guarded.max_iterations = std::min(spec.max_iterations, 100);
       trial.report = solve(trial.calibration, guarded);
       if (!trial.report.usable) break;
       if (!folds_in_image(trial.calibration.rig.cameras[cam])) return trial;

@@ -32,8 +32,9 @@ struct Radius {
   }
 };
 
-// The residuals, and their derivatives row by row unless J is null.
-template <class L>
+// The residuals, and their derivatives row by row unless J is null. One-sided: zero where the lens rises
+// enough; else negative there.
+template <bool kOneSided, class L>
 void write_rows(const L& lens, const RadialGuard& guard, double* residuals, double* J) {
   for (int i = 0; i < kGuardDirections; ++i) {
     const double step = (guard.to[i] - guard.from) / kSteps, least_px = guard.least_slope_px * step;
@@ -42,9 +43,10 @@ void write_rows(const L& lens, const RadialGuard& guard, double* residuals, doub
       const int row = i * kSteps + k;
       const Radius<L> after(lens, guard.from + (k + 1) * step, i);
       const double lacks_px = least_px - (after.px - before.px);
-      residuals[row] = std::isfinite(lacks_px) ? kWeight * std::max(0.0, lacks_px) : NAN;
+      const bool counts = !kOneSided || lacks_px > 0;
+      residuals[row] = std::isfinite(lacks_px) ? (counts ? kWeight * lacks_px : 0.0) : NAN;
       for (int p = 0; J && p < L::kNumParams; ++p)
-        J[row * L::kNumParams + p] = lacks_px > 0 ? kWeight * (before.J_k[p] - after.J_k[p]) : 0.0;
+        J[row * L::kNumParams + p] = counts ? kWeight * (before.J_k[p] - after.J_k[p]) : 0.0;
       before = after;
     }
   }
@@ -61,7 +63,7 @@ class RadialGuardCost final : public ceres::CostFunction {
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     L lens;
     std::copy_n(parameters[0], L::kNumParams, &lens.fx);
-    write_rows(lens, guard_, residuals, jacobians ? jacobians[0] : nullptr);
+    write_rows<true>(lens, guard_, residuals, jacobians ? jacobians[0] : nullptr);
     return std::all_of(residuals, residuals + kRows, [](double r) { return std::isfinite(r); });
   }
 
@@ -82,7 +84,7 @@ GuardRows guard_rows(const Lens& lens, const RadialGuard& guard) {
         if constexpr (HasClosedForm<L>) {
           GuardRows rows{VecX(kRows), {}};
           Eigen::Matrix<double, kRows, L::kNumParams, Eigen::RowMajor> J;
-          write_rows(fixed, guard, rows.r.data(), J.data());
+          write_rows<false>(fixed, guard, rows.r.data(), J.data());
           rows.J = J;
           return rows;
         } else {
@@ -90,6 +92,15 @@ GuardRows guard_rows(const Lens& lens, const RadialGuard& guard) {
         }
       },
       lens);
+}
+
+GuardRows one_sided(GuardRows rows) {
+  for (Eigen::Index i = 0; i < rows.r.size(); ++i) {
+    if (!(rows.r[i] <= 0)) continue;  // what is not a number stays
+    rows.r[i] = 0;
+    rows.J.row(i).setZero();
+  }
+  return rows;
 }
 
 bool can_guard(const Lens& lens) {

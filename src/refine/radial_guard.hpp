@@ -16,10 +16,13 @@ namespace plumbline::detail {
 /// domain and knows nothing of polynomials. Not finite where the formula is not; no rows for a lens without a
 /// closed form.
 struct GuardRows {
-  VecX r;
+  VecX r;  ///< before max(): negative where the lens rises enough, and there no part of the cost
   MatX J;  ///< one row for each residual
 };
 GuardRows guard_rows(const Lens& lens, const RadialGuard& guard);
+
+/// With zeros in the rows where the lens rises enough.
+GuardRows one_sided(GuardRows rows);
 
 /// False for a lens without a closed form.
 bool can_guard(const Lens& lens);
