@@ -58,7 +58,8 @@ void add_mixed_extras(const BlockProblem& problem, const BlockState& state, cons
     gradient += priors_at(problem, state).J.transpose() * priors_at(problem, other).r;
   for_each_guard(problem, [&](const RadialGuard& guard, int at) {
     const MatX J = one_sided(guard_rows(state.lenses[guard.cam], guard)).J;
-    gradient.segment(at, J.cols()).noalias() += J.transpose() * one_sided(guard_rows(other.lenses[guard.cam], guard)).r;
+    gradient.segment(at, J.cols()).noalias() +=
+        J.transpose() * one_sided(guard_rows(other.lenses[guard.cam], guard)).r;
   });
 }
 

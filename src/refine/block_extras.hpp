@@ -19,9 +19,8 @@ struct StepLength {
   double length = 1, gain = 0;
 };
 /// The equations know the guards in force at `state`, and a full step against others would end far up their
-/// slope. This is the minimum along the step over [0, 1] of the quadratic model with all guards, each to first
-/// order. \param slope      g'd of the step
-/// \param curvature  d'Ad
+/// slope. This is the minimum along the step over [0, 1] of the quadratic model with all guards, each to
+/// first order. \param slope      g'd of the step \param curvature  d'Ad
 StepLength guarded_length(const BlockProblem& problem, const BlockState& state, const BlockVector& step,
                           double slope, double curvature);
 

@@ -173,9 +173,9 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     for (const BlockView& view : frame.views) n_residuals += 2 * view.corners.n;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
-  // A guard has no second derivative where it comes into force, and stops freer steps at once.
+  // A guard has no second derivative where it comes into force: steps end there and are not bent.
   const bool smooth = spec.guards.empty();
-  int n_jumps = smooth ? 0 : kMostJumps;
+  int n_jumps = 0;
   int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
   while (report.iterations < spec.max_iterations) {
@@ -215,7 +215,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     if (gain > 0) {  // Nielsen 1999
       const double ratio = 2 * gain / predicted - 1;
       damping = std::max(kLeastDamping,
-                         damping * (smooth && ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
+                         damping * (ratio > 0.8 ? 0.1 : std::max(1.0 / 3, 1 - ratio * ratio * ratio)));
       growth = 2;
     } else if (step && predicted <= rounding_of(normal.cost, n_residuals) && damping > kUndamped &&
                n_jumps < kMostJumps) {

@@ -32,10 +32,9 @@ struct Radius {
   }
 };
 
-// The residuals, and their derivatives row by row unless J is null. One-sided: zero where the lens rises
-// enough; else negative there.
-template <bool kOneSided, class L>
-void write_rows(const L& lens, const RadialGuard& guard, double* residuals, double* J) {
+template <class L>
+GuardRows rows_of(const L& lens, const RadialGuard& guard) {
+  GuardRows rows{VecX(kRows), MatX(kRows, L::kNumParams)};
   for (int i = 0; i < kGuardDirections; ++i) {
     const double step = (guard.to[i] - guard.from) / kSteps, least_px = guard.least_slope_px * step;
     Radius<L> before(lens, guard.from, i);
@@ -43,13 +42,12 @@ void write_rows(const L& lens, const RadialGuard& guard, double* residuals, doub
       const int row = i * kSteps + k;
       const Radius<L> after(lens, guard.from + (k + 1) * step, i);
       const double lacks_px = least_px - (after.px - before.px);
-      const bool counts = !kOneSided || lacks_px > 0;
-      residuals[row] = std::isfinite(lacks_px) ? (counts ? kWeight * lacks_px : 0.0) : NAN;
-      for (int p = 0; J && p < L::kNumParams; ++p)
-        J[row * L::kNumParams + p] = counts ? kWeight * (before.J_k[p] - after.J_k[p]) : 0.0;
+      rows.r[row] = std::isfinite(lacks_px) ? kWeight * lacks_px : NAN;
+      for (int p = 0; p < L::kNumParams; ++p) rows.J(row, p) = kWeight * (before.J_k[p] - after.J_k[p]);
       before = after;
     }
   }
+  return rows;
 }
 
 template <class L>
@@ -63,8 +61,13 @@ class RadialGuardCost final : public ceres::CostFunction {
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
     L lens;
     std::copy_n(parameters[0], L::kNumParams, &lens.fx);
-    write_rows<true>(lens, guard_, residuals, jacobians ? jacobians[0] : nullptr);
-    return std::all_of(residuals, residuals + kRows, [](double r) { return std::isfinite(r); });
+    const GuardRows rows = one_sided(rows_of(lens, guard_));
+    if (!rows.r.allFinite()) return false;
+    std::copy_n(rows.r.data(), kRows, residuals);
+    if (!jacobians || !jacobians[0]) return true;
+    Eigen::Map<Eigen::Matrix<double, kRows, L::kNumParams, Eigen::RowMajor>> J(jacobians[0]);
+    J = rows.J;
+    return true;
   }
 
  private:
@@ -82,11 +85,7 @@ GuardRows guard_rows(const Lens& lens, const RadialGuard& guard) {
   return std::visit(
       [&]<class L>([[maybe_unused]] const L& fixed) -> GuardRows {
         if constexpr (HasClosedForm<L>) {
-          GuardRows rows{VecX(kRows), {}};
-          Eigen::Matrix<double, kRows, L::kNumParams, Eigen::RowMajor> J;
-          write_rows<false>(fixed, guard, rows.r.data(), J.data());
-          rows.J = J;
-          return rows;
+          return rows_of(fixed, guard);
         } else {
           return {VecX(0), MatX(0, n_params(lens))};
         }
