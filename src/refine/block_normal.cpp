@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "plumbline/geometry/so3.hpp"
+#include "plumbline/rig/calibration.hpp"
+#include "refine/block_extras.hpp"
 #include "refine/block_runs.hpp"
 #include "refine/sparse_cost.hpp"
 
@@ -22,6 +24,17 @@ int row_of(const Coupling& coupling, int parameter) {
     row += s.n;
   }
   return -1;
+}
+
+// The number among the dense parameters of a shared one, -1 for none.
+int dense_at(const BlockProblem& problem, int parameter) {
+  return parameter < 0 ? -1 : problem.dense[parameter];
+}
+
+std::size_t spline_of(const BlockProblem& problem, int cam) {
+  std::size_t s = 0;
+  while (problem.splines[s].cam != cam) ++s;
+  return s;
 }
 
 // How steps of the three poses of a view's chain move its board in the camera's frame, as the kernel's
@@ -78,15 +91,15 @@ void add_shared_pose(int row, int at, int lens_at, const Mat6& M, const Mat6& M_
   sums.g.segment<6>(at).noalias() += M.transpose() * parts.g_p;
 }
 
-// Adds what a view's control points have with its poses. `sums.control` has their products with
-// [focal length, centre | dw dt | residual].
+// Adds what a view's control points have with its poses and its board's bow. `sums.control` has their
+// products with [focal length, centre | dw dt | residual | bow].
 void add_control_points(const BlockProblem& problem, const BlockState& state, const BlockView& view,
                         const SplinePatch& patch, const Chain& chain, Couplings& A_sf, BlockSums& sums) {
-  std::size_t s = 0;
-  while (problem.splines[s].cam != view.cam) ++s;
+  const std::size_t s = spline_of(problem, view.cam);
+  const BlockSpline& spline = problem.splines[s];
   const auto& lens = std::get<Splined>(state.lenses[view.cam]);
   SplineSums& into = sums.splines[s];
-  const Eigen::Map<const MatX> control(sums.control.data(), patch.n_rows, kSplineColumns);
+  const Eigen::Map<const MatX> control(sums.control.data(), patch.n_rows, spline_columns(view.corners));
   const auto pose = control.middleCols<6>(2);
   if (chain.one_pose)
     A_sf.middleRows(patch.first_row, patch.n_rows) += pose;
@@ -101,13 +114,14 @@ void add_control_points(const BlockProblem& problem, const BlockState& state, co
     into.g.segment(to, n) += rows.col(8);
     auto strip = into.strip.middleRows(to, n);
     strip.leftCols<2>() += rows.leftCols<2>();
-    int column = 2;
-    if (view.cam > 0) {
-      strip.middleCols<6>(column).noalias() += rows.middleCols<6>(2) * chain.camera;
-      column += 6;
-    }
+    if (view.cam > 0)
+      strip.middleCols<6>(spline.column_of(problem.offsets.pose[view.cam])).noalias() +=
+          rows.middleCols<6>(2) * chain.camera;
     if (view.target > 0)
-      strip.middleCols<6>(column + 6 * (view.target - 1)).noalias() += rows.middleCols<6>(2) * chain.board;
+      strip.middleCols<6>(spline.column_of(problem.offsets.board[view.target])).noalias() +=
+          rows.middleCols<6>(2) * chain.board;
+    if (view.corners.bowed)
+      strip.middleCols<2>(spline.column_of(problem.offsets.bow[view.target])) += rows.middleCols<2>(9);
   }
 }
 
@@ -121,7 +135,8 @@ std::optional<Accumulated> accumulate(const BlockProblem& problem, const BlockSt
                                       const BlockView& view, const Chain& chain, BlockNormal& normal,
                                       Couplings& A_sf, BlockSums& sums) {
   const Lens& lens = state.lenses[view.cam];
-  const ViewQuestion question{lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale};
+  const ViewQuestion question{lens,         chain.T_cam_board,  view.corners,
+                              problem.loss, problem.loss_scale, state.bow_m[view.target]};
   Accumulated result;
   result.n_dense = is_sparse(lens) ? 4 : n_params(lens);
   std::optional<double> cost;
@@ -131,16 +146,41 @@ std::optional<Accumulated> accumulate(const BlockProblem& problem, const BlockSt
     const auto& patches = coupling_of(problem, normal, f).patches;
     const SplinePatch& patch = *std::find_if(patches.begin(), patches.end(),
                                              [&](const SplinePatch& p) { return p.cam == view.cam; });
-    sums.control.assign(static_cast<std::size_t>(patch.n_rows * kSplineColumns + kSplineSlack), 0.0);
-    std::size_t s = 0;
-    while (problem.splines[s].cam != view.cam) ++s;
-    cost = accumulate_spline(question, &normal.knots[view.knots_at], patch, result.gram, sums.splines[s].band,
-                             sums.control);
+    sums.control.assign(static_cast<std::size_t>(patch.n_rows * spline_columns(view.corners) + kSplineSlack),
+                        0.0);
+    cost = accumulate_spline(question, &normal.knots[view.knots_at], patch, result.gram,
+                             sums.splines[spline_of(problem, view.cam)].band, sums.control);
     if (cost) add_control_points(problem, state, view, patch, chain, A_sf, sums);
   }
   if (!cost) return std::nullopt;
   result.cost = *cost;
   return result;
+}
+
+// Adds what the bow of a view's board, whose rows are the gram's last two, has with everything else. \param n
+// lens parameters
+void add_bow(const BlockProblem& problem, const Coupling& coupling, const BlockView& view, const Chain& chain,
+             const Gram& gram, int n, Couplings& A_sf, BlockSums& sums) {
+  using Rows = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::ColMajor, 2, Gram::kMost>;
+  Rows rows(2, n + 9);
+  for (int j = 0; j < n + 9; ++j) {
+    rows(0, j) = j < n + 8 ? gram(n + 7, j) : gram(n + 8, n + 7);
+    rows(1, j) = gram(n + 8, j);
+  }
+  const int bow = problem.offsets.bow[view.target], at = problem.dense[bow],
+            camera_at = dense_at(problem, problem.offsets.pose[view.cam]),
+            board_at = dense_at(problem, problem.offsets.board[view.target]);
+  const Eigen::Matrix<double, 2, 6> A_bp = rows.middleCols<6>(n);
+  // Bows come after lenses, cameras and boards: the lower triangle.
+  sums.A.block(at, problem.dense[problem.offsets.lens[view.cam]], 2, n) += rows.leftCols(n);
+  sums.A.block<2, 2>(at, at) += rows.rightCols<2>();
+  sums.g.segment<2>(at) += rows.col(n + 6);
+  if (chain.one_pose)
+    A_sf.middleRows<2>(row_of(coupling, bow)) += A_bp;
+  else
+    A_sf.middleRows<2>(row_of(coupling, bow)).noalias() += A_bp * chain.frame;
+  if (camera_at >= 0) sums.A.block<2, 6>(at, camera_at).noalias() += A_bp * chain.camera;
+  if (board_at >= 0) sums.A.block<2, 6>(at, board_at).noalias() += A_bp * chain.board;
 }
 
 // Adds one view: its frame's own blocks to `normal`, what is shared to `sums`.
@@ -160,6 +200,7 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
     sums.g[lens_at + j] += gram(n + 6, j);
   }
   const Parts parts(gram, n);
+  if (view.corners.bowed) add_bow(problem, coupling, view, chain, gram, n, A_sf, sums);
   if (chain.one_pose) {
     normal.A_ff[f] += parts.A_pp;
     normal.g_f[f] += parts.g_p;
@@ -170,8 +211,7 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   normal.g_f[f].noalias() += chain.frame.transpose() * parts.g_p;
   A_sf.middleRows(lens_row, n).noalias() += parts.A_lp * chain.frame;
   const int camera = problem.offsets.pose[view.cam], board = problem.offsets.board[view.target];
-  const int camera_at = camera < 0 ? -1 : problem.dense[camera],
-            board_at = board < 0 ? -1 : problem.dense[board];
+  const int camera_at = dense_at(problem, camera), board_at = dense_at(problem, board);
   if (camera >= 0)
     add_shared_pose(row_of(coupling, camera), camera_at, lens_at, chain.camera, chain.frame, parts, A_sf,
                     sums);
@@ -180,14 +220,6 @@ bool add_view(const BlockProblem& problem, const BlockState& state, std::size_t 
   if (camera >= 0 && board >= 0)  // boards come after cameras: the lower triangle
     sums.A.block<6, 6>(board_at, camera_at).noalias() += chain.board.transpose() * parts.A_pp * chain.camera;
   return true;
-}
-
-PriorRows priors_at(const BlockProblem& problem, const BlockState& state) {
-  Calibration cal = problem.shared_only;
-  for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
-  cal.rig.T_cam_rig = state.T_cam_rig;
-  cal.T_board0_board = state.T_board0_board;
-  return prior_rows(cal, *problem.spec);
 }
 
 // Adds the sums of one splined lens to the equations of all.
@@ -203,13 +235,11 @@ void expand_spline(const BlockProblem& problem, const BlockState& state, const B
     normal.A_ss(control_at + i, lens_at + i % 2) += sums.strip(i, 0);
     normal.A_ss(control_at + i, lens_at + 2 + i % 2) += sums.strip(i, 1);
   }
-  std::vector<int> poses = problem.offsets.board;
-  poses[0] = problem.offsets.pose[spline.cam];
   int column = 2;
-  for (int at : poses) {
-    if (at < 0) continue;
-    normal.A_ss.block(at, control_at, 6, n) += sums.strip.middleCols<6>(column).transpose();
-    column += 6;
+  for (const Segment& shared : spline.shared) {
+    normal.A_ss.block(shared.first, control_at, shared.n, n) +=
+        sums.strip.middleCols(column, shared.n).transpose();
+    column += shared.n;
   }
   normal.cost += add_regularisation(lens, spline.prior_scale, lens_at, normal.A_ss, normal.g_s);
 }
@@ -264,9 +294,14 @@ void divide_parameters(const Calibration& cal, const std::vector<int>& n_residua
     const auto first = problem.dense.begin() + problem.offsets.lens[i];
     std::fill(first + 4, first + n_params(lens), -1);
     if (n_residuals[i] == 0) continue;
-    const int n_further = static_cast<int>(cal.data.targets.size()) - 1;
-    problem.splines.push_back({static_cast<int>(i), 2 + (i > 0 ? 6 : 0) + 6 * n_further,
-                               prior_scale(n_residuals[i], n_params(lens))});
+    BlockSpline& spline = problem.splines.emplace_back();
+    spline.cam = static_cast<int>(i);
+    spline.prior_scale = prior_scale(n_residuals[i], n_params(lens));
+    if (i > 0) spline.shared.push_back({problem.offsets.pose[i], 6});
+    for (int at : problem.offsets.board)
+      if (at >= 0) spline.shared.push_back({at, 6});
+    for (int at : problem.offsets.bow)
+      if (at >= 0) spline.shared.push_back({at, 2});
   }
   for (int i = 0; i < problem.offsets.total; ++i) {
     if (problem.dense[i] < 0) continue;
@@ -284,6 +319,15 @@ void Coupling::finish(std::size_t& n_before) {
   n_before += 6 * static_cast<std::size_t>(n_rows);
 }
 
+int BlockSpline::column_of(int parameter) const {
+  int column = 2;
+  for (const Segment& s : shared) {
+    if (s.first == parameter) break;
+    column += s.n;
+  }
+  return column;
+}
+
 SE3 pose_in_camera(const BlockState& state, const BlockView& view, std::size_t f) {
   return Chain(state, view, f).T_cam_board;
 }
@@ -298,6 +342,7 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
   if (!spec.priors.empty()) {
     problem.shared_only.rig = cal.rig;
     problem.shared_only.data.targets = cal.data.targets;
+    problem.shared_only.bow_m = cal.bow_m;
   }
   std::vector<int> place(cal.T_rig_board.size(), -1);
   ViewCorners last;
@@ -312,7 +357,8 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
       problem.frames.emplace_back().frame = cal.data.views[v].frame;
       problem.couplings.emplace_back();
     }
-    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr);
+    const bool bowed = problem.offsets.bow[target] >= 0;
+    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr, bowed);
     last.n = corners.n;
     last.points = corners.points;
     const Lens& lens = cal.rig.cameras[cam].lens;
@@ -321,6 +367,7 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
     add_segment(segments, problem.offsets.lens[cam], is_sparse(lens) ? 4 : n_params(lens));
     if (cam > 0) add_segment(segments, problem.offsets.pose[cam], 6);
     if (target > 0) add_segment(segments, problem.offsets.board[target], 6);
+    if (bowed) add_segment(segments, problem.offsets.bow[target], 2);
     problem.frames[at].views.push_back({cam, target, std::move(corners), problem.n_knots});
     if (is_sparse(lens))
       problem.n_knots += 2 * static_cast<std::size_t>(problem.frames[at].views.back().corners.n);
@@ -355,7 +402,7 @@ bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNorm
     sums.splines.resize(problem.splines.size());
     for (std::size_t s = 0; s < sums.splines.size(); ++s) {
       const BlockSpline& spline = problem.splines[s];
-      sums.splines[s].clear(std::get<Splined>(state.lenses[spline.cam]), spline.n_columns);
+      sums.splines[s].clear(std::get<Splined>(state.lenses[spline.cam]), spline.column_of(-1));
     }
     for (int i = runs.first(run); i < runs.first(run + 1); ++i) {
       const auto f = static_cast<std::size_t>(i);
@@ -365,12 +412,7 @@ bool make_normal(const BlockProblem& problem, const BlockState& state, BlockNorm
   });
   normal.cost = 0;
   if (!add_runs(problem, state, normal)) return false;
-  if (!problem.spec->priors.empty()) {
-    const PriorRows rows = priors_at(problem, state);
-    normal.cost += 0.5 * rows.r.squaredNorm();
-    normal.A_ss += rows.J.transpose() * rows.J;
-    normal.g_s += rows.J.transpose() * rows.r;
-  }
+  add_extras(problem, state, normal);
   return std::isfinite(normal.cost);
 }
 
@@ -409,19 +451,21 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
         const Chain chain(state, view, f), ahead(other, view, f);
         const Lens& lens = state.lenses[view.cam];
         const auto second =
-            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale},
-                              other.lenses[view.cam], ahead.T_cam_board);
+            accumulate_second({lens, chain.T_cam_board, view.corners, problem.loss, problem.loss_scale,
+                               state.bow_m[view.target]},
+                              other.lenses[view.cam], ahead.T_cam_board, other.bow_m[view.target]);
         if (!second) {
           sums.ok = false;
           break;
         }
         const int n = n_params(lens), camera_at = problem.offsets.pose[view.cam],
                   board_at = problem.offsets.board[view.target];
-        const Vec6 g_p = second->tail<6>();
+        const Vec6 g_p = second->segment<6>(n);
         sums.g.segment(problem.offsets.lens[view.cam], n) += second->head(n);
         out.boards[f] += chain.one_pose ? g_p : Vec6(chain.frame.transpose() * g_p);
         if (camera_at >= 0) sums.g.segment<6>(camera_at) += chain.camera.transpose() * g_p;
         if (board_at >= 0) sums.g.segment<6>(board_at) += chain.board.transpose() * g_p;
+        if (view.corners.bowed) sums.g.segment<2>(problem.offsets.bow[view.target]) += second->tail<2>();
       }
     }
   });
@@ -429,8 +473,7 @@ std::optional<BlockVector> mixed_gradient(const BlockProblem& problem, const Blo
     if (!sums.ok) return std::nullopt;
     out.shared += sums.g;
   }
-  if (!problem.spec->priors.empty())
-    out.shared += priors_at(problem, state).J.transpose() * priors_at(problem, other).r;
+  add_mixed_extras(problem, state, other, out.shared);
   return out;
 }
 

@@ -17,6 +17,7 @@ namespace plumbline::detail {
 struct BlockState {
   std::vector<Lens> lenses;
   std::vector<SE3> T_cam_rig, T_board0_board;
+  std::vector<Vec2> bow_m;       ///< per target; zero where it is no parameter
   std::vector<SE3> T_rig_board;  ///< of the first board, one for each BlockFrame
 };
 
@@ -41,10 +42,14 @@ struct BlockFrame {
   std::vector<BlockView> views;
 };
 
-/// The regularisation of a splined lens is weighed once, by the corners that are there.
 struct BlockSpline {
-  int cam = 0, n_columns = 0;  ///< of SplineSums::strip
-  double prior_scale = 0;
+  int cam = 0;
+  double prior_scale = 0;  ///< of its regularisation, weighed once, by the corners that are there
+  /// What its control points have to do with besides its own first four parameters: its camera's pose,
+  /// further boards, bows. In SplineSums::strip they come in this order, after two columns of those four.
+  std::vector<Segment> shared;
+  int column_of(
+      int parameter) const;  ///< in the strip; of a parameter that is not there, the number of columns
 };
 
 struct BlockProblem {

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "plumbline/rig/motion.hpp"
+#include "refine/block_extras.hpp"
 #include "refine/block_normal.hpp"
 
 namespace plumbline::detail {
@@ -36,6 +37,8 @@ BlockState state_of(const Calibration& cal, const BlockProblem& problem) {
   for (const Camera& camera : cal.rig.cameras) state.lenses.push_back(camera.lens);
   state.T_cam_rig = cal.rig.T_cam_rig;
   state.T_board0_board = cal.T_board0_board;
+  for (std::size_t i = 0; i < cal.data.targets.size(); ++i)
+    state.bow_m.push_back(bow_of(cal, static_cast<int>(i)).value_or(Vec2(0, 0)));
   for (const BlockFrame& frame : problem.frames) state.T_rig_board.push_back(*cal.T_rig_board[frame.frame]);
   return state;
 }
@@ -44,6 +47,9 @@ void write_to(Calibration& cal, const BlockProblem& problem, const BlockState& s
   for (std::size_t i = 0; i < state.lenses.size(); ++i) cal.rig.cameras[i].lens = state.lenses[i];
   cal.rig.T_cam_rig = state.T_cam_rig;
   cal.T_board0_board = state.T_board0_board;
+  for (std::size_t i = 0; i < state.bow_m.size(); ++i) {
+    if (problem.offsets.bow[i] >= 0) cal.bow_m[i] = state.bow_m[i];
+  }
   for (std::size_t f = 0; f < problem.frames.size(); ++f)
     cal.T_rig_board[problem.frames[f].frame] = state.T_rig_board[f];
 }
@@ -63,6 +69,9 @@ BlockState moved(const BlockProblem& problem, const BlockState& state, const Blo
   for (std::size_t i = 0; i < next.T_cam_rig.size(); ++i) move(next.T_cam_rig[i], problem.offsets.pose[i]);
   for (std::size_t i = 0; i < next.T_board0_board.size(); ++i)
     move(next.T_board0_board[i], problem.offsets.board[i]);
+  for (std::size_t i = 0; i < next.bow_m.size(); ++i) {
+    if (problem.offsets.bow[i] >= 0) next.bow_m[i] += step.shared.segment<2>(problem.offsets.bow[i]);
+  }
   for (std::size_t f = 0; f < next.T_rig_board.size(); ++f) {
     if (!step.boards[f].isZero(0)) next.T_rig_board[f] = box_plus(next.T_rig_board[f], step.boards[f]);
   }
@@ -113,13 +122,22 @@ void bend(const BlockProblem& problem, const BlockState& state, const BlockNorma
   for (std::size_t f = 0; f < v.boards.size(); ++f) v.boards[f] += 0.5 * a->boards[f];
 }
 
+// Shortens a step to where guards that it does not know of end it. \param predicted  of the full step
+// \return  of the shortened one
+double shorten(const BlockProblem& problem, const BlockState& state, const BlockVector& g, double predicted,
+               BlockVector& step) {
+  double slope = g.shared.dot(step.shared);
+  for (std::size_t f = 0; f < step.boards.size(); ++f) slope += g.boards[f].dot(step.boards[f]);
+  const StepLength to = guarded_length(problem, state, step, slope, -2 * (predicted + slope));
+  step.shared *= to.length;
+  for (Vec6& d : step.boards) d *= to.length;
+  return to.gain;
+}
+
 }  // namespace
 
 bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
   if (has_clocks(cal)) return false;
-  for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
-    if (bow_of(cal, static_cast<int>(i))) return false;
-  }
   const Offsets offsets = offsets_of(cal);
   if (offsets.total > kMostShared) return false;
   if (spec.held.empty()) return true;
@@ -147,6 +165,8 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     for (const BlockView& view : frame.views) n_residuals += 2 * view.corners.n;
   BlockFactor factor;
   double damping = kFirstDamping, growth = 2;
+  // A guard has no second derivative where it comes into force: steps end there and are not bent.
+  const bool smooth = spec.guards.empty();
   int n_jumps = 0;
   int last_edge = -kEdgeMemory;  // the last iteration whose step left the domain
   report.termination = fmt::format("{} iterations without reaching the optimum", spec.max_iterations);
@@ -159,6 +179,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
     double gain = 0, predicted = 0;
     if (step) {
       predicted = factor.predicted_gain(g, *step);
+      if (!smooth) predicted = shorten(problem, state, g, predicted, *step);
       if (predicted <= tolerance * normal.cost + kRoundingPx * kRoundingPx * n_residuals) {
         // In a flat valley the damping alone can make the step small: only an undamped one tells.
         if (damping <= kUndamped) {
@@ -170,7 +191,7 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
         damping = std::max(1e-3 * damping, kLeastDamping);
         continue;
       }
-      if (report.iterations > kPlainIterations && problem.splines.empty())
+      if (report.iterations > kPlainIterations && smooth && problem.splines.empty())
         bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {

@@ -94,6 +94,7 @@ Calibration simpler_fit(const Calibration& free, const SolveSpec& spec, int cam)
 
 std::optional<Constrained> constrained_fit(const Calibration& free, const SolveSpec& spec, int cam,
                                            double data_rad) {
+  if (!can_guard(free.rig.cameras[cam].lens)) return std::nullopt;
   bool has_ties = false;  // those hold and move together
   for (std::size_t i = 0; i < spec.tied_to.size(); ++i) has_ties |= spec.tied_to[i] != static_cast<int>(i);
   for (const bool simple : {false, true}) {
@@ -101,10 +102,8 @@ std::optional<Constrained> constrained_fit(const Calibration& free, const SolveS
     const Calibration start = simple ? simpler_fit(free, spec, cam) : free;
     for (double stretch : {1.0, 1.6, 2.6}) {
       Constrained trial{start, {}, guard_of(start.rig.cameras[cam], cam, data_rad, stretch)};
-      if (!make_radial_guard(start.rig.cameras[cam].lens, trial.guard)) return std::nullopt;
       SolveSpec guarded = spec;
       guarded.guards.push_back(trial.guard);
-      guarded.max_iterations = std::min(spec.max_iterations, 100);
       trial.report = solve(trial.calibration, guarded);
       if (!trial.report.usable) break;
       if (!folds_in_image(trial.calibration.rig.cameras[cam])) return trial;

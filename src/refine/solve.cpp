@@ -226,15 +226,17 @@ void add_priors(ceres::Problem& problem, Blocks& blocks, const Calibration& cal,
   }
 }
 
-// A guard of a camera that no view of the problem shows is left out.
-void add_guards(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec) {
+// A guard of a camera that no view of the problem shows is left out. \param n_residuals  of each camera
+void add_guards(ceres::Problem& problem, Blocks& blocks, const Calibration& cal, const SolveSpec& spec,
+                const std::vector<int>& n_residuals) {
   for (const RadialGuard& guard : spec.guards) {
+    if (n_residuals[guard.cam] == 0) continue;
     auto cost = make_radial_guard(cal.rig.cameras[guard.cam].lens, guard);
     double* block = blocks.lens(guard.cam);
     if (cost && has_ties(spec)) {
       cost = merge_blocks(std::move(cost), {static_cast<int>(block - blocks.shared())}, blocks.n_shared());
       problem.AddResidualBlock(cost.release(), nullptr, blocks.shared());
-    } else if (cost && problem.HasParameterBlock(block)) {
+    } else if (cost) {
       problem.AddResidualBlock(cost.release(), nullptr, block);
     }
   }
@@ -364,7 +366,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
   }
   if (problem.NumResiduals() == 0) return {.termination = "no corner to use"};
   add_priors(problem, blocks, cal, spec);
-  add_guards(problem, blocks, cal, spec);
+  add_guards(problem, blocks, cal, spec, n_residuals);
   ceres::Solver::Summary summary;
   const QuietLog quiet;
   ceres::Solve(options, &problem, &summary);
@@ -373,8 +375,7 @@ SolveReport solve_ceres(Calibration& cal, const SolveSpec& spec) {
 }
 
 SolveReport solve(Calibration& cal, const SolveSpec& spec) {
-  if (spec.solver == Solver::kCeres || !spec.guards.empty() || !block_solver_can(cal, spec))
-    return solve_ceres(cal, spec);
+  if (spec.solver == Solver::kCeres || !block_solver_can(cal, spec)) return solve_ceres(cal, spec);
   return solve_blocks(cal, spec);
 }
 

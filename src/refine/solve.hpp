@@ -47,7 +47,8 @@ struct SolveSpec {
   /// The share of the residuals' variance that marking outliers leaves of it (truncated_variance()).
   double variance_kept = 1.0;
   bool hold_boards = false;  ///< move no board pose
-  /// One-sided constraints on radial maps; only solve_ceres() knows them.
+  /// One-sided constraints on radial maps; solve_moving() does not know them. That of a camera that no view
+  /// shows is left out.
   std::vector<RadialGuard> guards = {};
   Solver solver = Solver::kBlocks;
   int n_threads = 1;  ///< of the block solver
@@ -62,8 +63,7 @@ struct SolveReport {
 };
 
 /// Minimises the reprojection error in place. Not usable when a corner that takes part does not project at
-/// the start. The block solver where it can (block_solve.hpp), Ceres otherwise, with guards, or when the spec
-/// asks for it.
+/// the start. The block solver where it can (block_solve.hpp), Ceres otherwise or when the spec asks for it.
 SolveReport solve(Calibration& calibration, const SolveSpec& spec);
 
 /// The reference: Ceres on one thread, one cost for each view. For a lens with sparse derivatives one for

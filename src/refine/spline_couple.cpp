@@ -17,7 +17,8 @@ bool find_patches(const BlockProblem& problem, const BlockState& state, std::siz
       if (view.cam != spline.cam) continue;
       seen = true;
       int* knots = &normal.knots[view.knots_at];
-      if (!place_corners(lens, pose_in_camera(state, view, f), view.corners, knots)) return false;
+      if (!place_corners(lens, pose_in_camera(state, view, f), view.corners, state.bow_m[view.target], knots))
+        return false;
       patch.add(lens, knots, view.corners.n);
     }
     if (seen) patches.push_back(std::move(patch));

@@ -8,8 +8,8 @@
 namespace plumbline::detail {
 namespace {
 
-// Four doubles, whatever the registers hold. No function of this file is called from another, so that how such
-// vectors are passed is nobody else's business.
+// Four doubles, whatever the registers hold. No function of this file is called from another, so that how
+// such vectors are passed is nobody else's business.
 #pragma GCC diagnostic ignored "-Wpsabi"
 typedef double Four __attribute__((vector_size(32)));
 inline __attribute__((always_inline)) Four load4(const double* p) {
@@ -95,13 +95,13 @@ inline __attribute__((always_inline)) void add_band(const SplineInput& in, const
   }
 }
 
-// The columns of the two Jacobian rows of a corner [focal length, centre | dw dt | residual], padded.
-constexpr int kSplineColumnsPadded = (kSplineColumns + 3) / 4 * 4;
+// The columns of the two Jacobian rows of a corner [focal length, centre | dw dt | residual | bow], padded.
+constexpr int kSplineColumnsPadded = (kSplineColumns + 2 + 3) / 4 * 4;
 struct SplineRowPair {
   double T[2][kSplineColumnsPadded];
 };
 
-template <int kOrder>
+template <int kOrder, int kColumns>
 inline __attribute__((always_inline)) void add_control(const SplineInput& in, const SplineAt& at,
                                                        const SplineRowPair& rows, double factor, int first_x,
                                                        int first_y, double* control) {
@@ -112,8 +112,8 @@ inline __attribute__((always_inline)) void add_control(const SplineInput& in, co
     const Four w = at.weight[j];  // of x and y in turn, as the control points lie in memory
     const Four left = f * Four{w[0], w[0], w[1], w[1]}, right = f * Four{w[2], w[2], w[3], w[3]};
     double* out = control + in.row_of_knots[first_y + j] + 2 * first_x;
-#pragma GCC unroll 9
-    for (int c = 0; c < kSplineColumns; ++c) {
+#pragma GCC unroll 11
+    for (int c = 0; c < kColumns; ++c) {
       const Four a = {rows.T[0][c], rows.T[1][c], rows.T[0][c], rows.T[1][c]};
       add4(out + c * in.n_rows, left * a);
       add4(out + c * in.n_rows + 4, right * a);
@@ -122,23 +122,25 @@ inline __attribute__((always_inline)) void add_control(const SplineInput& in, co
 }
 
 // sums[axis][i][..] += T_i T, as far as the lower triangle needs it.
+template <int kColumns>
 inline __attribute__((always_inline)) void add_gram(const SplineRowPair& rows, double factor,
-                                                    double (*sums)[kSplineColumns][kSplineColumnsPadded]) {
+                                                    double (*sums)[kColumns][kSplineColumnsPadded]) {
   for (int axis = 0; axis < 2; ++axis) {
     const double* T = rows.T[axis];
-#pragma GCC unroll 9
-    for (int i = 0; i < kSplineColumns; ++i) {
+#pragma GCC unroll 11
+    for (int i = 0; i < kColumns; ++i) {
 #pragma GCC unroll 3
       for (int j = 0; j <= i; j += 4) add4(sums[axis][i] + j, factor * T[i] * load4(T + j));
     }
   }
 }
 
-inline void write_spline_gram(const double (*sums)[kSplineColumns][kSplineColumnsPadded], double* gram) {
-  for (int i = 0; i < kSplineGram * (kSplineGram + 1) / 2; ++i) gram[i] = 0;
+template <int kColumns>
+inline void write_spline_gram(const double (*sums)[kColumns][kSplineColumnsPadded], double* gram) {
+  for (int i = 0; i < (kColumns + 2) * (kColumns + 3) / 2; ++i) gram[i] = 0;
   for (int axis = 0; axis < 2; ++axis) {
     const auto row_of = [axis](int c) { return c == 0 ? axis : c == 1 ? 2 + axis : c + 2; };
-    for (int i = 0; i < kSplineColumns; ++i) {
+    for (int i = 0; i < kColumns; ++i) {
       for (int j = 0; j <= i; ++j) gram[row_of(i) * (row_of(i) + 1) / 2 + row_of(j)] += sums[axis][i][j];
     }
   }
@@ -162,13 +164,17 @@ inline __attribute__((always_inline)) double weigh_corner(int loss, double scale
   return 1;
 }
 
-template <int kOrder>
+template <int kOrder, bool kBowed>
 double run_spline_of(const SplineInput& in, const SplineOutput& out) {
+  constexpr int kColumns = kSplineColumns + (kBowed ? 2 : 0);
   const double *R = in.at.R, *t = in.at.t, fx = in.at.k[0], fy = in.at.k[1];
-  double sums[2][kSplineColumns][kSplineColumnsPadded] = {};
+  double sums[2][kColumns][kSplineColumnsPadded] = {};
   double cost = 0;
   for (int p = 0; p < in.n; ++p) {
-    const double X = in.points[p], Y = in.points[in.n_padded + p], Z = in.points[2 * in.n_padded + p];
+    const double X = in.points[p], Y = in.points[in.n_padded + p];
+    double Z = in.points[2 * in.n_padded + p];
+    if constexpr (kBowed)
+      Z += in.bow_m[0] * in.points[4 * in.n_padded + p] + in.bow_m[1] * in.points[5 * in.n_padded + p];
     const double q[3] = {R[0] * X + R[1] * Y + R[2] * Z, R[3] * X + R[4] * Y + R[5] * Z,
                          R[6] * X + R[7] * Y + R[8] * Z};
     const double x = q[0] + t[0], y = q[1] + t[1], z = q[2] + t[2];
@@ -197,17 +203,22 @@ double run_spline_of(const SplineInput& in, const SplineOutput& out) {
       T[0] = at.m[axis], T[1] = 1;
       T[2] = q[1] * J[2] - q[2] * J[1], T[3] = q[2] * J[0] - q[0] * J[2], T[4] = q[0] * J[1] - q[1] * J[0];
       T[5] = J[0], T[6] = J[1], T[7] = J[2], T[8] = e[axis];
+      if constexpr (kBowed) {
+        const double lift = R[2] * J[0] + R[5] * J[1] + R[8] * J[2];
+        for (int i = 0; i < 2; ++i) T[9 + i] = lift * in.points[(4 + i) * in.n_padded + p];
+      }
     }
-    add_gram(rows, factor, sums);
+    add_gram<kColumns>(rows, factor, sums);
     add_band<kOrder>(in, at, factor, first_x, first_y, out.band);
-    add_control<kOrder>(in, at, rows, factor, first_x, first_y, out.control);
+    add_control<kOrder, kColumns>(in, at, rows, factor, first_x, first_y, out.control);
   }
-  write_spline_gram(sums, out.gram);
+  write_spline_gram<kColumns>(sums, out.gram);
   return cost;
 }
 
 double run_spline(const SplineInput& in, const SplineOutput& out) {
-  return in.order == 2 ? run_spline_of<2>(in, out) : run_spline_of<3>(in, out);
+  if (in.bow_m) return in.order == 2 ? run_spline_of<2, true>(in, out) : run_spline_of<3, true>(in, out);
+  return in.order == 2 ? run_spline_of<2, false>(in, out) : run_spline_of<3, false>(in, out);
 }
 
 }  // namespace

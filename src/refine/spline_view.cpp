@@ -6,7 +6,7 @@
 
 namespace plumbline::detail {
 
-bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorners& corners,
+bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorners& corners, const Vec2& bow_m,
                    int* first_knots) {
   const SplineGrid grid(lens);
   const Mat3 R = T_cam_board.R();
@@ -14,7 +14,8 @@ bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorner
   const int n = corners.n_padded();
   const double* at = corners.points->data();
   for (int i = 0; i < corners.n; ++i) {
-    const auto first = grid.first_knots(stereographic(R * Vec3(at[i], at[n + i], at[2 * n + i]) + t));
+    const double lift = corners.bowed ? bow_m.x() * at[4 * n + i] + bow_m.y() * at[5 * n + i] : 0.0;
+    const auto first = grid.first_knots(stereographic(R * Vec3(at[i], at[n + i], at[2 * n + i] + lift) + t));
     if (!first) return false;
     first_knots[2 * i] = (*first)[0], first_knots[2 * i + 1] = (*first)[1];
   }
@@ -77,6 +78,7 @@ std::optional<double> accumulate_spline(const ViewQuestion& q, const int* first_
                                              .first_knots = first_knots,
                                              .row_of_knots = patch.row_of_knots.data(),
                                              .n_rows = patch.n_rows,
+                                             .bow_m = q.corners.bowed ? q.bow_m.data() : nullptr,
                                              .loss = static_cast<int>(q.loss),
                                              .loss_scale = q.loss_scale},
                                             {gram.lower, band.data(), control.data()});

@@ -14,7 +14,8 @@ namespace plumbline::detail {
 
 /// The first knots (x, y) of each corner of a view; false when a corner lies outside the grid.
 /// \param first_knots  two numbers for each corner, written
-bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorners& corners, int* first_knots);
+bool place_corners(const Splined& lens, const SE3& T_cam_board, const ViewCorners& corners, const Vec2& bow_m,
+                   int* first_knots);
 
 /// The control points of one lens that one frame has to do with: in each row of knots those from `from` to
 /// before `to`.
@@ -35,8 +36,8 @@ struct SplinePatch {
 };
 
 /// What the control points of one lens have with each other (`band`, see SplineOutput), with its own focal
-/// length and centre, its camera's pose and the poses of further boards (`strip`: two columns, six where the
-/// camera has a pose, six for each further board), and with the residuals.
+/// length and centre and other shared parameters (`strip`: two columns, and those of BlockSpline::shared),
+/// and with the residuals.
 struct SplineSums {
   std::vector<double> band;
   MatX strip;
@@ -45,9 +46,12 @@ struct SplineSums {
   void add(const SplineSums& other);
 };
 
-/// As accumulate_view(), with the gram over [fx fy cx cy | dw dt | residual]. The control points' products
-/// with [focal length, centre | dw dt | residual] are added to `control` (as in SplineOutput),
-/// those with each other to `band`.
+/// Columns of SplineOutput::control for a view.
+inline int spline_columns(const ViewCorners& corners) { return kSplineColumns + (corners.bowed ? 2 : 0); }
+
+/// As accumulate_view(), with the gram over [fx fy cx cy | dw dt | residual | bow]. The control points'
+/// products with [focal length, centre | dw dt | residual] are added to `control` (as in SplineOutput), those
+/// with each other to `band`.
 std::optional<double> accumulate_spline(const ViewQuestion& question, const int* first_knots,
                                         const SplinePatch& patch, Gram& gram, std::vector<double>& band,
                                         std::vector<double>& control);

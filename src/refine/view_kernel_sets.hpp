@@ -20,6 +20,10 @@ struct KernelInput {
   int n_padded;
   int loss;  ///< 0 squared, 1 Huber, 2 Cauchy
   double loss_scale;
+  /// How far each number of a bow lifts the points along z: two columns of n_padded numbers; null: no bow is
+  /// a parameter. `points` are where the present bow has put them.
+  const double* bow_shape = nullptr;
+  const double* second_points = nullptr;  ///< X, Y, Z of the second state; read only with `second`
 };
 
 /// What a kernel says besides its sums.
@@ -29,10 +33,11 @@ struct KernelAnswer {
       far_nn;  ///< z |z| and |p_cam|^2 of the corner farthest from the axis, the padding counted too
 };
 
-/// Lower triangle (row by row, n_params + 7 rows) of the gram, or nothing when `gram` is null. `s` (n_padded,
-/// may be null) takes the squared weighted residuals, for a loss whose value is not summed here.
-/// `second` (n_params + 6, may be null, needs `gram`) takes the products of this state's weighted derivatives
-/// with the second state's weighted residuals.
+/// Lower triangle (row by row, n_params + 7 rows, and two more for a bow) of the gram, or nothing when `gram`
+/// is null. `s` (n_padded, may be null) takes the squared weighted residuals, for a loss whose value is not
+/// summed here. `second` (n_params + 6, and two more for a bow; may be null, needs `gram`, which then means
+/// nothing) takes the products of this state's weighted derivatives with the second state's weighted
+/// residuals.
 using KernelFunction = KernelAnswer (*)(const KernelInput&, double* gram, double* s, double* second);
 
 /// Consecutive shared parameters that a frame depends on: `n` of them from `first`.
@@ -62,13 +67,15 @@ struct SplineInput {
   const int*
       row_of_knots;  ///< of each row of knots: control point i's x is at this + 2 i in SplineOutput::control
   int n_rows;
+  const double* bow_m;  ///< of a bowed board, whose shapes are two more columns of `points`; else null
   int loss;
   double loss_scale;
 };
 
-/// Columns of a corner's Jacobian row besides the control points: focal length, centre, dw dt, residual.
+/// Columns of a corner's Jacobian row besides the control points: focal length, centre, dw dt, residual; two
+/// more for the bow of a bowed board.
 constexpr int kSplineColumns = 9;
-/// Rows of the gram: fx fy cx cy, dw dt, residual.
+/// Rows of the gram: fx fy cx cy, dw dt, residual; two more for the bow.
 constexpr int kSplineGram = 11;
 /// A knot and another of at most three rows below: 7 (row below) + 3 + (columns to the right of it).
 constexpr int kSplineBand = 28;

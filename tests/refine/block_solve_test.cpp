@@ -4,43 +4,12 @@
 
 #include <gtest/gtest.h>
 
-#include "refine/refine_support.hpp"
+#include "refine/block_support.hpp"
 
 namespace plumbline::test {
 namespace {
 
 using namespace detail;
-
-// The truth with noise on the corners, pushed off by some per cent and degrees.
-Calibration start_of(const Scene& scene, double noise_px, std::uint64_t seed) {
-  Simulation sim = simulate(scene);
-  Calibration cal = sim.truth;
-  cal.data = with_noise(cal.data, noise_px, seed);
-  Rng rng(seed);
-  for (Camera& camera : cal.rig.cameras) {
-    const auto k = params(camera.lens);
-    k[0] *= 1.03, k[1] *= 1.03, k[2] += 3, k[3] -= 4;
-    for (std::size_t i = 4; i < k.size(); ++i) k[i] *= 0.5;
-  }
-  const auto push = [&](SE3& T) {
-    Vec6 d;
-    for (double& x : d) x = rng.normal(0.01);
-    T = box_plus(T, d);
-  };
-  for (std::size_t i = 1; i < cal.rig.T_cam_rig.size(); ++i) push(cal.rig.T_cam_rig[i]);
-  for (auto& T : cal.T_rig_board) push(*T);
-  for (const View& view : cal.data.views) cal.fits.emplace_back(view.corners.size());
-  cal.view_reason.assign(cal.data.views.size(), "");
-  return cal;
-}
-
-void expect_same_optimum(const Calibration& start, SolveSpec spec) {
-  Calibration blocks = start, ceres = start;
-  const SolveReport a = solve_blocks(blocks, spec), b = solve_ceres(ceres, spec);
-  ASSERT_TRUE(a.usable && a.converged) << a.termination;
-  ASSERT_TRUE(b.usable) << b.termination;
-  EXPECT_NEAR(a.cost, b.cost, 1e-9 * b.cost) << a.termination << " / " << b.termination;
-}
 
 std::string lens_of(int i) { return std::string(fixed_lens_names()[static_cast<std::size_t>(i)]); }
 

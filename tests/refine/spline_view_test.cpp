@@ -7,9 +7,9 @@
 #include <gtest/gtest.h>
 
 #include "plumbline/geometry/so3.hpp"
-#include "refine/block_solve.hpp"
+#include "refine/block_support.hpp"
+#include "refine/bow_support.hpp"
 #include "refine/kernel_sets.hpp"
-#include "refine/refine_support.hpp"
 #include "refine/seed.hpp"
 
 namespace plumbline::test {
@@ -29,9 +29,9 @@ Scene wide(std::vector<std::string> others = {}, int n_frames = 15, std::uint64_
   return scene;
 }
 
-// The truth with noise, kb4 replaced by the spline, and pushed off.
-Calibration start_of(const Scene& scene, const std::string& spec, double noise_px, int n_splined = 1) {
-  Calibration cal = simulate(scene).truth;
+// The truth with noise, the first lenses replaced by splines, and pushed off.
+Calibration start_of(const Simulation& sim, const std::string& spec, double noise_px, int n_splined = 1) {
+  Calibration cal = sim.truth;
   cal.data = with_noise(cal.data, noise_px, 7);
   for (int i = 0; i < n_splined; ++i) {
     Camera& camera = cal.rig.cameras[i];
@@ -49,6 +49,9 @@ Calibration start_of(const Scene& scene, const std::string& spec, double noise_p
   cal.view_reason.assign(cal.data.views.size(), "");
   return cal;
 }
+Calibration start_of(const Scene& scene, const std::string& spec, double noise_px, int n_splined = 1) {
+  return start_of(simulate(scene), spec, noise_px, n_splined);
+}
 
 SolveSpec spec_for(const Calibration& cal) {
   SolveSpec spec;
@@ -57,92 +60,98 @@ SolveSpec spec_for(const Calibration& cal) {
   return spec;
 }
 
-void expect_same_optimum(const Calibration& start, const SolveSpec& spec) {
-  ASSERT_TRUE(block_solver_can(start, spec));
-  Calibration blocks = start, ceres = start;
-  const SolveReport a = solve_blocks(blocks, spec), b = solve_ceres(ceres, spec);
-  ASSERT_TRUE(a.usable && a.converged) << a.termination;
-  ASSERT_TRUE(b.usable) << b.termination;
-  EXPECT_NEAR(a.cost, b.cost, 1e-9 * b.cost) << a.termination << " / " << b.termination;
-}
-
-// One view's sums from project_sparse(): over all parameters of the lens, the step of the board in the
-// camera's frame, and the residual.
-MatX sums_of(const Lens& lens, const SE3& T, const std::vector<Observation>& list) {
+// One view's sums from project(): over all parameters of the lens, the step of the board in the camera's
+// frame, the residual, and the bow.
+MatX sums_of(const Lens& lens, const SE3& T, const std::vector<Observation>& list, const Vec2& bow_m) {
   const int n = n_params(lens);
-  MatX sums = MatX::Zero(n + 7, n + 7);
+  MatX sums = MatX::Zero(n + 9, n + 9);
   for (const Observation& o : list) {
     Mat23 J_px_p;
     JacLens J_px_k;
-    const Vec3 q = T.R() * o.p_board;
+    const Vec3 q = T.R() * (o.p_board + Vec3(0, 0, bow_m.dot(o.bow_shape)));
     const auto px = project(lens, q + T.t(), &J_px_p, &J_px_k);
-    Eigen::Matrix<double, 2, Eigen::Dynamic> J(2, n + 7);
-    J << J_px_k, -J_px_p * skew(q), J_px_p, *px - o.px;
+    Eigen::Matrix<double, 2, Eigen::Dynamic> J(2, n + 9);
+    J << J_px_k, -J_px_p * skew(q), J_px_p, *px - o.px, J_px_p * T.R().col(2) * o.bow_shape.transpose();
     sums += o.weight * o.weight * J.transpose() * J;
   }
   return sums;
+}
+
+// The kernel's sums in the same order; those of control points with each other in the lower triangle.
+MatX kernel_sums(const KernelSet& set, const Splined& lens, const SE3& T, const ViewCorners& corners,
+                 const Vec2& bow_m) {
+  const int n = static_cast<int>(lens.k.size()), n_columns = spline_columns(corners);
+  std::vector<int> knots(2 * static_cast<std::size_t>(corners.n));
+  EXPECT_TRUE(place_corners(lens, T, corners, bow_m, knots.data()));
+  SplinePatch patch(lens, 0);
+  patch.add(lens, knots.data(), corners.n);
+  std::vector<Segment> segments;
+  patch.lay_out(lens, 0, 0, segments);
+  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = T.R();
+  const Vec3 t = T.t();
+  SplineSums sums;
+  sums.clear(lens, 2);
+  std::vector<double> products(static_cast<std::size_t>(patch.n_rows * n_columns + kSplineSlack));
+  const Eigen::Map<const MatX> control(products.data(), patch.n_rows, n_columns);
+  Gram gram;
+  const double cost = set.spline({.at = {lens.k.data(), R.data(), t.data()},
+                                  .order = lens.order,
+                                  .n_x = lens.n_x,
+                                  .n_y = lens.n_y,
+                                  .knots_per_unit = lens.knots_per_unit(),
+                                  .points = corners.points->data(),
+                                  .px = corners.px.data(),
+                                  .n = corners.n,
+                                  .n_padded = corners.n_padded(),
+                                  .first_knots = knots.data(),
+                                  .row_of_knots = patch.row_of_knots.data(),
+                                  .n_rows = patch.n_rows,
+                                  .bow_m = corners.bowed ? bow_m.data() : nullptr,
+                                  .loss = 0,
+                                  .loss_scale = 1},
+                                 {gram.lower, sums.band.data(), products.data()});
+  MatX got = MatX::Zero(n + 9, n + 9);
+  expand_band(lens, sums.band, 0, got);
+  const auto place = [&](int i) { return i < 4 ? i : n + i - 4; };
+  for (int i = 0; i < n_columns + 2; ++i)
+    for (int j = 0; j <= i; ++j) got(place(i), place(j)) = gram(i, j);
+  int row = 0;
+  for (const Segment& s : segments) {
+    for (int i = s.first; i < s.first + s.n; ++i, ++row) {
+      got(i, i % 2) = control(row, 0), got(i, 2 + i % 2) = control(row, 1);
+      for (int c = 2; c < n_columns; ++c) got(n + c - 2, i) = control(row, c);
+    }
+  }
+  EXPECT_NEAR(cost, 0.5 * got(n + 6, n + 6), 1e-12 * cost) << set.name;
+  return got;
 }
 
 TEST(SplineKernel, SumsWhatTheLensSays) {
   for (const char* name : kSmall) {
     const Calibration cal = start_of(wide(), name, 0.5);
     Lens lens = cal.rig.cameras[0].lens;
-    const auto& splined = std::get<Splined>(lens);
     Rng rng(9);
     params(lens)[1] *= 1.1;  // fx is not fy
     for (int i = 4; i < n_params(lens); ++i) params(lens)[i] += rng.normal(1e-3);
     const int n = n_params(lens);
-    for (std::size_t v = 0; v < 3; ++v) {
+    for (std::size_t v = 0; v < 4; ++v) {
+      const bool bowed = v >= 2;
+      const Vec2 bow_m = bowed ? Vec2(3e-3, -2e-3) : Vec2(0, 0);
       std::vector<Observation> list = observations_of(cal, v, false);
       for (Observation& o : list) o.weight = rng.uniform(0.3, 3);
       const SE3 T = *cal.T_rig_board[cal.data.views[v].frame];
-      const ViewCorners corners = view_corners(list);
-      const MatX expected = sums_of(lens, T, list);
+      MatX expected = sums_of(lens, T, list, bow_m);
+      if (!bowed) expected.bottomRows(2).setZero();
       const VecX scale = expected.diagonal().cwiseMax(1e-6).cwiseSqrt().cwiseInverse();
-      std::vector<int> knots(2 * list.size());
-      ASSERT_TRUE(place_corners(splined, T, corners, knots.data()));
-      SplinePatch patch(splined, 0);
-      patch.add(splined, knots.data(), corners.n);
-      std::vector<Segment> segments;
-      patch.lay_out(splined, 0, 0, segments);
-      const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = T.R();
-      const Vec3 t = T.t();
       for (const KernelSet* set : kernel_sets_here()) {
-        SplineSums sums;
-        sums.clear(splined, 2);
-        std::vector<double> products(static_cast<std::size_t>(patch.n_rows * kSplineColumns + kSplineSlack));
-        const Eigen::Map<const MatX> control(products.data(), patch.n_rows, kSplineColumns);
-        Gram gram;
-        const double cost = set->spline({{splined.k.data(), R.data(), t.data()},
-                                         splined.order,
-                                         splined.n_x,
-                                         splined.n_y,
-                                         splined.knots_per_unit(),
-                                         corners.points->data(),
-                                         corners.px.data(),
-                                         corners.n,
-                                         corners.n_padded(),
-                                         knots.data(),
-                                         patch.row_of_knots.data(),
-                                         patch.n_rows,
-                                         0,
-                                         1},
-                                        {gram.lower, sums.band.data(), products.data()});
-        EXPECT_NEAR(cost, 0.5 * expected(n + 6, n + 6), 1e-12 * expected(n + 6, n + 6)) << set->name;
-        MatX got = MatX::Zero(n + 7, n + 7);
-        expand_band(splined, sums.band, 0, got);
-        const auto place = [&](int i) { return i < 4 ? i : n + i - 4; };
-        for (int i = 0; i < kSplineGram; ++i)
-          for (int j = 0; j <= i; ++j) got(place(i), place(j)) = gram(i, j);
-        int row = 0;
-        for (const Segment& s : segments) {
-          for (int i = s.first; i < s.first + s.n; ++i, ++row) {
-            got(i, i % 2) = control(row, 0), got(i, 2 + i % 2) = control(row, 1);
-            for (int c = 2; c < kSplineColumns; ++c) got(n + c - 2, i) = control(row, c);
-          }
-        }
+        const MatX got =
+            kernel_sums(*set, std::get<Splined>(lens), T, view_corners(list, nullptr, bowed), bow_m);
         const MatX difference = (got - expected).triangularView<Eigen::Lower>();
-        EXPECT_LT((scale.asDiagonal() * difference * scale.asDiagonal()).cwiseAbs().maxCoeff(), 1e-12)
+        EXPECT_LT((scale.asDiagonal() * difference * scale.asDiagonal())
+                      .topLeftCorner(n + (bowed ? 9 : 7), n + (bowed ? 9 : 7))
+                      .cwiseAbs()
+                      .maxCoeff(),
+                  1e-12)
             << set->name << " " << name << " view " << v;
       }
     }
@@ -225,6 +234,23 @@ TEST(BlockSolveSplined, TakesSeveralBoards) {
     }
   }
   expect_same_optimum(start, spec_for(start));
+}
+
+TEST(BlockSolveSplined, BendsItsBoards) {
+  Simulation sim = with_second_board(simulate(wide({"kb4"}, 15, 8)));
+  bend(sim, Vec2(2e-3, -1.5e-3));
+  for (const int n_splined : {1, 2}) {
+    Calibration start = start_of(sim, kSmall[0], 0.2, n_splined);
+    start.bow_m = {Vec2(0, 0), Vec2(0, 0)};
+    SolveSpec spec = spec_for(start);
+    expect_same_optimum(start, spec);
+    spec.priors = {{offsets_of(start).bow[1], 1e-3, 1e-4}};
+    expect_same_optimum(start, spec);
+    Calibration cal = start;
+    spec.priors.clear();
+    ASSERT_TRUE(solve_blocks(cal, spec).converged);
+    EXPECT_LT((*cal.bow_m[0] - Vec2(2e-3, -1.5e-3)).norm(), 2e-4);
+  }
 }
 
 // Enough control points for the matrix to be made in panels.

@@ -15,9 +15,11 @@ namespace {
 
 using namespace detail;
 
-// Corners of a board before the lens, with residuals of some pixels and weights of their own.
+// Corners of a board, bowed by bow_m, before the lens, with residuals of some pixels and weights of their
+// own.
 template <class L>
-std::vector<Observation> observations(const L& lens, const SE3& T_cam_board, Rng& rng, int n) {
+std::vector<Observation> observations(const L& lens, const SE3& T_cam_board, Rng& rng, int n,
+                                      const Vec2& bow_m) {
   std::vector<Observation> list;
   for (const Vec3& p_cam : points_in_domain(lens, rng, 4 * n + 40)) {
     const auto px = lens.project(p_cam);
@@ -26,6 +28,9 @@ std::vector<Observation> observations(const L& lens, const SE3& T_cam_board, Rng
     if (static_cast<int>(list.size()) == n || !px || (*px - Vec2(lens.cx, lens.cy)).norm() > 3000) continue;
     list.push_back(
         {T_cam_board.inverse() * p_cam, *px + Vec2(rng.normal(2), rng.normal(2)), rng.uniform(0.3, 3)});
+    if (bow_m.isZero(0)) continue;
+    list.back().bow_shape = Vec2(rng.uniform(0, 1), rng.uniform(0, 1));
+    list.back().p_board.z() -= bow_m.dot(list.back().bow_shape);
   }
   return list;
 }
@@ -41,38 +46,52 @@ TYPED_TEST(ViewKernel, SumsWhatCeresCostSays) {
     const SE3 T(so3_exp(Vec3(rng.normal(), rng.normal(), rng.normal())),
                 Vec3(rng.normal(), rng.normal(), rng.normal()));
     // One corner, a multiple of the padding, more than a chunk.
-    const std::vector<Observation> list = observations(lens, T, rng, trial == 0 ? 1 : trial == 1 ? 64 : 150);
+    const bool bowed = trial % 4 >= 2;
+    const Vec2 bow_m = bowed ? Vec2(0.3, -0.2) : Vec2(0, 0);
+    const std::vector<Observation> list = observations(lens, T, rng,
+                                                       trial == 0   ? 1
+                                                       : trial == 1 ? 64
+                                                                    : 150,
+                                                       bow_m);
     ASSERT_FALSE(list.empty());
     constexpr int n = TypeParam::kNumParams;
-    MatX J(2 * list.size(), n + 7);
+    const int n_all = n + (bowed ? 9 : 7);
+    MatX J(2 * list.size(), n_all);
     std::vector<double> r(2 * list.size());
     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> J_lens(2 * list.size(), n),
-        J_cam(2 * list.size(), 7);
+        J_cam(2 * list.size(), 7), J_bow(2 * list.size(), 2);
     const SE3 identity;
     const Lens any = lens;
-    const double* blocks[] = {params(any).data(), identity.qt.data(), T.qt.data()};
+    const double* blocks[] = {params(any).data(), identity.qt.data(), T.qt.data(), bow_m.data()};
     // With T_cam_rig = identity, a step of the board is a step in the camera's frame.
-    double* jacobians[] = {J_lens.data(), nullptr, J_cam.data()};
-    ASSERT_TRUE(make_view_cost(any, list, Loss::kSquared, 1)->Evaluate(blocks, r.data(), jacobians));
-    J << J_lens, J_cam.leftCols(6), Eigen::Map<const VecX>(r.data(), static_cast<Eigen::Index>(r.size()));
+    double* jacobians[] = {J_lens.data(), nullptr, J_cam.data(), J_bow.data()};
+    ASSERT_TRUE(
+        make_view_cost(any, list, Loss::kSquared, 1, false, bowed)->Evaluate(blocks, r.data(), jacobians));
+    J.leftCols(n + 7) << J_lens, J_cam.leftCols(6),
+        Eigen::Map<const VecX>(r.data(), static_cast<Eigen::Index>(r.size()));
+    if (bowed) J.rightCols(2) = J_bow;
     const MatX expected = J.transpose() * J;
     const VecX scale = expected.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-    const ViewCorners corners = view_corners(list);
+    std::vector<Observation> lifted = list;
+    for (Observation& o : lifted) o.p_board.z() += bow_m.dot(o.bow_shape);
+    const ViewCorners corners = view_corners(lifted, nullptr, bowed);
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = T.R();
     const Vec3 t = T.t();
     for (const KernelSet* set : kernel_sets_here()) {
-      std::vector<double> lower((n + 7) * (n + 8) / 2), s(static_cast<std::size_t>(corners.n_padded()));
-      const KernelInput in{{params(any).data(), R.data(), t.data()},
-                           {},
-                           corners.points->data(),
-                           corners.px.data(),
-                           corners.n_padded(),
-                           0,
-                           1};
+      std::vector<double> lower(static_cast<std::size_t>(n_all * (n_all + 1) / 2)),
+          s(static_cast<std::size_t>(corners.n_padded()));
+      KernelInput in{{params(any).data(), R.data(), t.data()},
+                     {},
+                     corners.points->data(),
+                     corners.px.data(),
+                     corners.n_padded(),
+                     0,
+                     1};
+      if (bowed) in.bow_shape = in.points + 4 * in.n_padded;
       const double cost = set->functions[any.index()](in, lower.data(), s.data(), nullptr).cost;
       EXPECT_NEAR(cost, 0.5 * expected(n + 6, n + 6), 1e-11 * cost)
           << set->name;  // pixels of thousands beside residuals of one
-      for (int i = 0; i < n + 7; ++i) {
+      for (int i = 0; i < n_all; ++i) {
         for (int j = 0; j <= i; ++j) {
           // Rounding of a pixel of some thousands against a residual of one: 1e-12 and the sum of 300.
           EXPECT_NEAR(lower[static_cast<std::size_t>(i * (i + 1) / 2 + j)] * scale[i] * scale[j],
@@ -126,28 +145,36 @@ TEST(ViewKernelFunction, LossesAreThoseOfTheReference) {
   std::vector<Observation> list;
   for (int i = 0; i < 100; ++i) {
     const Vec3 p(rng.uniform(-0.4, 0.4), rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1));
-    list.push_back({p, *lens.project(T * p) + Vec2(rng.normal(2), rng.normal(2)), rng.uniform(0.3, 3)});
+    list.push_back({p, *lens.project(T * p) + Vec2(rng.normal(2), rng.normal(2)), rng.uniform(0.3, 3),
+                    Vec2(rng.uniform(0, 1), rng.uniform(0, 1))});
   }
-  const ViewCorners corners = view_corners(list);
+  const Vec2 bow_m(0.01, -0.02);
+  const ViewCorners corners = view_corners(list, nullptr, true);
   const Lens any = lens;
   for (const Loss loss : {Loss::kHuber, Loss::kCauchy}) {
     Gram gram;
-    const ViewQuestion question{any, T, corners, loss, 1.5};
+    const ViewQuestion question{any, T, corners, loss, 1.5, bow_m};
     const double cost = accumulate_view(question, &gram).value();
     double expected = 0;
     for (const Observation& o : list) {
-      const Vec2 r = o.weight * (*lens.project(T * o.p_board) - o.px);
+      const Vec3 p = o.p_board + Vec3(0, 0, bow_m.dot(o.bow_shape));
+      const Vec2 r = o.weight * (*lens.project(T * p) - o.px);
       expected += 0.5 * rho(loss, 1.5, r.squaredNorm()).value;
     }
     EXPECT_NEAR(cost, expected, 1e-12 * expected);
     EXPECT_NEAR(accumulate_view(question, nullptr).value(), expected, 1e-12 * expected);
-    for (int i = 0; i < 6; ++i) {
+    for (int i = 0; i < 8; ++i) {
       const double h = 1e-6;
       ViewQuestion plus = question, minus = question;
-      plus.T_cam_board = box_plus(T, h * Vec6::Unit(i));
-      minus.T_cam_board = box_plus(T, -h * Vec6::Unit(i));
+      if (i < 6) {
+        plus.T_cam_board = box_plus(T, h * Vec6::Unit(i));
+        minus.T_cam_board = box_plus(T, -h * Vec6::Unit(i));
+      } else {
+        plus.bow_m[i - 6] += h;
+        minus.bow_m[i - 6] -= h;
+      }
       const double slope = (*accumulate_view(plus, nullptr) - *accumulate_view(minus, nullptr)) / (2 * h);
-      EXPECT_NEAR(gram(15, 9 + i), slope,
+      EXPECT_NEAR(i < 6 ? gram(15, 9 + i) : gram(10 + i, 15), slope,
                   1e-5 * std::abs(slope) + 1e-3);  // h^2, and rounding of the cost over h
     }
   }
@@ -163,26 +190,35 @@ TEST(ViewKernelFunction, MixesTwoStates) {
   std::vector<Observation> list;
   for (int i = 0; i < 100; ++i) {
     const Vec3 p(rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1));
-    list.push_back({p, *project(a, T_a * p) + Vec2(rng.normal(), rng.normal()), rng.uniform(0.5, 2)});
+    list.push_back({p, *project(a, T_a * p) + Vec2(rng.normal(), rng.normal()), rng.uniform(0.5, 2),
+                    Vec2(rng.uniform(0, 1), rng.uniform(0, 1))});
   }
-  const auto evaluate = [&](const Lens& lens, const SE3& T, VecX& r, MatX& J) {
-    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> J_lens(200, 12), J_pose(200, 7);
-    const double* blocks[] = {params(lens).data(), identity.qt.data(), T.qt.data()};
-    double* jacobians[] = {J_lens.data(), nullptr, J_pose.data()};
-    r.resize(200);
-    ASSERT_TRUE(make_view_cost(lens, list, Loss::kSquared, 1)->Evaluate(blocks, r.data(), jacobians));
-    J.resize(200, 18);
-    J << J_lens, J_pose.leftCols(6);
-  };
-  VecX r_a, r_b;
-  MatX J_a, J_b;
-  evaluate(a, T_a, r_a, J_a);
-  evaluate(b, T_b, r_b, J_b);
-  const ViewCorners corners = view_corners(list);
-  const auto mixed = accumulate_second({a, T_a, corners}, b, T_b);
-  ASSERT_TRUE(mixed);
-  const VecX expected = J_a.transpose() * r_b;
-  EXPECT_LT((*mixed - expected).cwiseQuotient(J_a.colwise().norm().transpose()).norm(), 1e-10 * r_b.norm());
+  for (const bool bowed : {false, true}) {
+    const int n = bowed ? 20 : 18;
+    const auto evaluate = [&](const Lens& lens, const SE3& T, const Vec2& bow_m, VecX& r, MatX& J) {
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> J_lens(200, 12), J_pose(200, 7),
+          J_bow(200, 2);
+      const double* blocks[] = {params(lens).data(), identity.qt.data(), T.qt.data(), bow_m.data()};
+      double* jacobians[] = {J_lens.data(), nullptr, J_pose.data(), J_bow.data()};
+      r.resize(200);
+      ASSERT_TRUE(
+          make_view_cost(lens, list, Loss::kSquared, 1, false, bowed)->Evaluate(blocks, r.data(), jacobians));
+      J.resize(200, n);
+      J.leftCols(18) << J_lens, J_pose.leftCols(6);
+      if (bowed) J.rightCols(2) = J_bow;
+    };
+    const Vec2 bow_a(0.02, -0.01), bow_b(-0.01, 0.03);
+    VecX r_a, r_b;
+    MatX J_a, J_b;
+    evaluate(a, T_a, bow_a, r_a, J_a);
+    evaluate(b, T_b, bow_b, r_b, J_b);
+    const ViewCorners corners = view_corners(list, nullptr, bowed);
+    const auto mixed = accumulate_second({a, T_a, corners, Loss::kSquared, 1, bow_a}, b, T_b, bow_b);
+    ASSERT_TRUE(mixed);
+    ASSERT_EQ(mixed->size(), n);
+    const VecX expected = J_a.transpose() * r_b;
+    EXPECT_LT((*mixed - expected).cwiseQuotient(J_a.colwise().norm().transpose()).norm(), 1e-10 * r_b.norm());
+  }
 }
 
 TEST(ViewKernelFunction, RefusesACornerOutsideTheDomain) {
