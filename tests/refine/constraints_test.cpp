@@ -273,6 +273,46 @@ TEST(Constraints, APriorIsFusedWithTheCorners) {
   }
 }
 
+// Priors too wide to move anything, each exactly one sigma from the estimate, say of the scatter what the
+// corners said already: with S their sum of squares over n - f, (S + m S / (n - f)) / (n - f + m) is the
+// same.
+TEST(Constraints, WidePriorsLeaveTheCovarianceAsItWas) {
+  const Calibration start = float_problem(2, 5);
+  RefineOptions options;
+  options.mark_outliers = false;
+  const auto without = refine(start, options);
+  ASSERT_TRUE(without) << without.error().text();
+  const auto names = shared_parameter_names(start);
+  const VecX x = detail::shared_values(*without);
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    const double sigma = 1e4 * std::sqrt((*without->covariance)(i, i));
+    options.priors.push_back({names[static_cast<std::size_t>(i)], x[i] + sigma, sigma});
+  }
+  // The pull of m = 24 such priors is 1e-8 of the information; m in 2,000 residuals left out would show 1 %.
+  for (const Solver solver : {Solver::kBlocks, Solver::kCeres}) {
+    options.solver = solver;
+    const auto with = refine(start, options);
+    ASSERT_TRUE(with) << with.error().text();
+    for (Eigen::Index i = 0; i < x.size(); ++i)
+      EXPECT_NEAR((*with->covariance)(i, i) / (*without->covariance)(i, i), 1, 1e-5) << names[i];
+  }
+}
+
+// A prior of what is held is a constant, however far off it lies: neither a measurement nor a misfit.
+TEST(Constraints, APriorOfWhatIsHeldSaysNothing) {
+  const Calibration start = float_problem(2, 5);
+  RefineOptions options;
+  options.mark_outliers = false;
+  options.fixed = {"cam0 fx=548", "cam1.pose"};
+  const auto without = refine(start, options);
+  options.priors = {{"cam0 fx", 500, 0.1}, {"cam1 r_x", 0.5, 1e-3}, {"cam1 t_y", 1, 1e-3}};
+  const auto with = refine(start, options);
+  ASSERT_TRUE(without && with);
+  const MatX &a = *without->covariance, &b = *with->covariance;
+  // The constant is in the cost and moves the solver's stop by 1e-8; counted, four priors would show 2e-3.
+  for (Eigen::Index i = 0; i < a.rows(); ++i) EXPECT_NEAR(b(i, i), a(i, i), 1e-6 * a(i, i)) << i;
+}
+
 TEST(Constraints, ASharpPriorIsAsGoodAsHolding) {
   Calibration start = float_problem(1, 6);
   RefineOptions options;
