@@ -83,6 +83,10 @@ Result<Dataset> load_corners(const CalibrateInputs& in) {
   if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);
   if (!in.cams.empty())
     usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
+  if (!in.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; a corners.yaml has the size of its images");
+  if (!in.pair_by.empty())
+    usage_error("--pair-by goes with images or with a .vnl file; a corners.yaml has its frames");
   auto data = load_corners_yaml(in.corners);
   if (!data || in.targets.empty()) return data;
   auto targets = load_targets(in.targets);
@@ -108,6 +112,8 @@ void check_usage(const CalibrateInputs& in) {
   if (in.corners.empty() && (in.targets.empty() || in.cams.empty())) {
     usage_error("either --target and --cam, or --corners is needed");
   }
+  if (in.corners.empty() && !in.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; images have their own size");
 }
 
 void add_input_options(CLI::App& app, CalibrateInputs& in) {

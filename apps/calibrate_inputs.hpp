@@ -10,7 +10,8 @@ namespace plumbline::apps {
 /// Where `calibrate` takes its corners from: images and a target, our corners.yaml, or mrcal's corners.vnl
 /// and a target.
 struct CalibrateInputs {
-  std::string corners, image_size, pair_by = "name";
+  std::string corners, image_size;
+  std::string pair_by{};  ///< name or order; empty: by name
   std::vector<std::string> targets, cams;
   std::vector<Target> known_targets{};  ///< used where no --target is given
   std::string times{};                  ///< add_times()

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "calibrate_effects.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/formats.hpp"
 #include "plumbline/refine/start.hpp"
@@ -56,6 +57,8 @@ Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inp
     auto added = add_views(*earlier, *more, s.replace);
     if (!added) return added.error();
     earlier = *std::move(added);
+  } else if (Status status = add_times(inputs.times, earlier->data); !status) {
+    return status.error();
   }
   const auto lenses = lenses_for(lens, earlier->data.cameras);
   if (!lenses) return lenses.error();
@@ -111,11 +114,19 @@ void check_usage(const CalibrateStart& s, const CalibrateInputs& inputs) {
   }
   if (!s.start.empty()) usage_error("an earlier calibration is the start itself; leave --start away");
   if (s.add && !has_inputs(inputs)) usage_error("--add needs --cam or --corners: what is to be added");
+  if (s.add && !inputs.cams.empty() && inputs.corners.empty() && !inputs.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; images have their own size");
   if (!s.add && (has_inputs(inputs) || !inputs.targets.empty()))
     usage_error(
         "an earlier calibration and new images: --add joins them; to solve the new ones alone, give the "
         "earlier "
         "file as --start");
+  if (!s.add && !inputs.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; an earlier calibration has the size of its images");
+  if (!s.add && !inputs.pair_by.empty())
+    usage_error(
+        "--pair-by goes with --add: an earlier calibration has its frames, and only new images are "
+        "paired");
 }
 
 Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,

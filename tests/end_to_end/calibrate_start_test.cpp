@@ -120,5 +120,27 @@ TEST_F(CalibrateStart, ViewsAreAddedToAnEarlierCalibration) {
   EXPECT_EQ(result().data.views.size(), first.views.size());
 }
 
+TEST_F(CalibrateStart, NothingThatIsGivenIsIgnored) {
+  ASSERT_EQ(calibrate(corners()).exit_code, 0);
+  const std::string old = (dir / "old.yaml").string();
+  write_text(old, read_text(dir / "out" / "calibration.yaml"));
+  for (const std::string option : {"--image-size 640x480", "--pair-by order", "--pair-by name"}) {
+    for (const std::string& input : {old, corners()}) {
+      const test::Run run = calibrate(input + " " + option);
+      EXPECT_EQ(run.exit_code, 2) << input << " " << option;
+      EXPECT_THAT(run.err, HasSubstr(option.substr(0, option.find(' '))));
+    }
+  }
+  // Times are taken, into the views that are solved again.
+  std::string times = "image,time_s\n";
+  for (const View& view : truth.data.views)
+    times += view.image + "," + std::to_string(100 + 0.5 * view.frame) + "\n";
+  write_text(dir / "times.csv", times);
+  const test::Run run = calibrate(old + " --times " + (dir / "times.csv").string());
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  for (const View& view : result().data.views) EXPECT_EQ(view.time_s, 0.5 * view.frame);
+  EXPECT_EQ(calibrate(old + " --times " + (dir / "none.csv").string()).exit_code, 1);
+}
+
 }  // namespace
 }  // namespace plumbline::test
