@@ -155,7 +155,7 @@ Result<Dataset> load_observations(const CalibrateInputs& in, const Common& commo
 }
 
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,
-                                              const std::vector<CameraInfo>& cameras) {
+                                              const std::vector<CameraInfo>& cameras, bool has_start) {
   std::map<std::string, std::string> by_camera;
   std::string for_all;
   for (const std::string& piece : split(argument, ',')) {
@@ -170,8 +170,9 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const auto it = by_camera.find(camera.name);
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
-    if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made && lens != "auto")
+    if (lens.empty() && !has_start)
+      usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made && lens != "auto" && !lens.empty())
       usage_error("--lens: " + made.error().message);
     lenses.push_back(lens);
   }

@@ -24,6 +24,6 @@ Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& c
 
 /// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera.
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,
-                                              const std::vector<CameraInfo>& cameras);
+                                              const std::vector<CameraInfo>& cameras, bool has_start);
 
 }  // namespace plumbline::apps

@@ -35,7 +35,7 @@ Prior parse_prior(const std::string& text) {
 
 Result<std::vector<std::string>> lenses_for(const std::string& lens, const std::vector<CameraInfo>& cameras) {
   if (lens.empty()) return std::vector<std::string>{};
-  auto lenses = parse_lenses(lens, cameras);
+  auto lenses = parse_lenses(lens, cameras, true);
   if (lenses && std::find(lenses->begin(), lenses->end(), "auto") != lenses->end())
     usage_error("--lens auto chooses from corners alone; with a start, name the lens or leave --lens away");
   return lenses;

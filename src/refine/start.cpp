@@ -50,11 +50,12 @@ Result<std::vector<Lens>> lenses_of(const Dataset& data, const Rig& rig, const s
   std::vector<Lens> lenses;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const Lens& lens = rig.cameras[matches[i]].lens;
-    if (names.empty()) {
+    const std::string wanted = names.empty() ? "" : names[names.size() == 1 ? 0 : i];
+    if (wanted.empty()) {
       lenses.push_back(lens);
       continue;
     }
-    auto converted = convert_lens(lens, names[names.size() == 1 ? 0 : i], data.cameras[i].size);
+    auto converted = convert_lens(lens, wanted, data.cameras[i].size);
     if (!converted) return converted.error();
     lenses.push_back(*converted);
   }

@@ -120,6 +120,16 @@ TEST_F(CalibrateStart, ViewsAreAddedToAnEarlierCalibration) {
   EXPECT_EQ(result().data.views.size(), first.views.size());
 }
 
+TEST_F(CalibrateStart, OneLensIsNamedAndTheOtherKeepsTheStarts) {
+  const std::string start = corners() + " --start " + (dir / "truth.yaml").string();
+  const test::Run done = calibrate(start + " --lens cam1=opencv8 --fix cam0");
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_EQ(lens_name(result().rig.cameras[1].lens), "opencv8");
+  EXPECT_TRUE(std::ranges::equal(params(result().rig.cameras[0].lens), params(truth.rig.cameras[0].lens)));
+  EXPECT_EQ(calibrate(start + " --lens cam2=opencv8").exit_code, 2);
+  EXPECT_EQ(calibrate(corners() + " --lens cam1=opencv8").exit_code, 2);  // without a start, all or none
+}
+
 TEST_F(CalibrateStart, NothingThatIsGivenIsIgnored) {
   ASSERT_EQ(calibrate(corners()).exit_code, 0);
   const std::string old = (dir / "old.yaml").string();
