@@ -78,6 +78,13 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
 Result<Dataset> load_corners(const CalibrateInputs& in) {
   auto text = read_file(in.corners);
   if (!text) return text.error();
+  if (text->find("plumbline_calibration:") != std::string::npos)
+    return Error{
+        ErrorCode::kInvalidData,
+        fmt::format("the file is a calibration; give it without --corners to solve its corners again, or "
+                    "as --start {} for its cameras",
+                    in.corners),
+        "--corners " + in.corners};
   const bool is_vnl =
       std::filesystem::path(in.corners).extension() == ".vnl" || trim(*text).substr(0, 1) == "#";
   if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);

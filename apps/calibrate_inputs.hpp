@@ -22,7 +22,8 @@ void check_usage(const CalibrateInputs& inputs);
 void add_input_options(CLI::App& app, CalibrateInputs& inputs);
 Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common);
 
-/// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera.
+/// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera. A camera that it does not name has
+/// an empty one where there is a start, whose lens it keeps; otherwise that is wrong usage.
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,
                                               const std::vector<CameraInfo>& cameras, bool has_start);
 

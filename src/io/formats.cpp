@@ -31,10 +31,8 @@ Result<const Format*> format_of(std::span<const NamedBytes> files) {
     const auto format = std::find_if(kFormats.begin(), kFormats.end(),
                                      [&](const Format* f) { return f->recognises(file.bytes); });
     if (format == kFormats.end()) {
-      return Error{
-          ErrorCode::kParse,
-          "not a camera file of a format that is known (" + known_names() + "); say which with --from",
-          file.name};
+      return Error{ErrorCode::kParse, "not a camera file of a format that is known (" + known_names() + ")",
+                   file.name};
     }
     if (found && found != *format) {
       return Error{ErrorCode::kInvalidData,

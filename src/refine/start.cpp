@@ -26,7 +26,8 @@ Result<std::vector<int>> match(const Dataset& data, const Rig& rig) {
       std::vector<std::string> names;
       for (const Camera& camera : rig.cameras) names.push_back(camera.name);
       return Error{ErrorCode::kInvalidData,
-                   "the start has no camera of this name; it has: " + join(names, ", "),
+                   "the start has no camera of this name; it has: " + join(names, ", ") +
+                       "; name the cameras of the images like these",
                    "camera " + info.name};
     }
     const ImageSize size = rig.cameras[*at].size;

@@ -27,7 +27,8 @@ Result<std::vector<int>> match_cameras(const Dataset& old, const Dataset& more) 
     if (at == old.cameras.end()) {
       std::vector<std::string> names;
       for (const CameraInfo& other : old.cameras) names.push_back(other.name);
-      return bad("the earlier calibration has no camera of this name; it has: " + join(names, ", "),
+      return bad("the earlier calibration has no camera of this name; it has: " + join(names, ", ") +
+                     "; give the new images one of these names",
                  "camera " + info.name);
     }
     if (!(at->size == info.size))
@@ -48,7 +49,9 @@ Result<std::vector<int>> match_targets(const Dataset& old, const Dataset& more) 
     if (at == old.targets.end()) {
       std::vector<std::string> names;
       for (const Target& other : old.targets) names.push_back(other.name);
-      return bad(fmt::format("the earlier views show {}, the new ones {}", join(names, ", "), target.name),
+      return bad(fmt::format("the earlier views show {}, the new ones {}; the board must be the same, to its "
+                             "measures",
+                             join(names, ", "), target.name),
                  "target");
     }
     matches.push_back(static_cast<int>(at - old.targets.begin()));

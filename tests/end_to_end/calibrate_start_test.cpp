@@ -152,5 +152,35 @@ TEST_F(CalibrateStart, NothingThatIsGivenIsIgnored) {
   EXPECT_EQ(calibrate(old + " --times " + (dir / "none.csv").string()).exit_code, 1);
 }
 
+// Each message has what was typed, the file, and what to do.
+TEST_F(CalibrateStart, MessagesSpeakOfTheOptionThatWasTyped) {
+  ASSERT_EQ(calibrate(corners()).exit_code, 0);
+  const std::string old = (dir / "old.yaml").string(), file = (dir / "corners.yaml").string();
+  write_text(old, read_text(dir / "out" / "calibration.yaml"));
+  const auto says = [&](const std::string& arguments, const std::vector<std::string>& words) {
+    const test::Run run = calibrate(arguments);
+    EXPECT_EQ(run.exit_code, 1) << arguments;
+    for (const std::string& word : words) EXPECT_THAT(run.err, HasSubstr(word)) << arguments;
+    EXPECT_THAT(run.err, testing::Not(HasSubstr("--from"))) << arguments;
+  };
+  says(corners() + " --start " + file, {"--start " + file, "--corners " + file});
+  says(file, {file, "--corners " + file});
+  says((dir / "truth.yaml").string(), {"--start " + (dir / "truth.yaml").string()});
+  write_text(dir / "note.txt", "not a camera");
+  const std::string note = (dir / "note.txt").string();
+  says(corners() + " --start " + note, {"--start " + note + ": not a camera file"});
+  says(old + " --add " + corners(), {"--add to " + old, "there already", "--replace"});
+  Dataset other = truth.data;
+  other.cameras[1].name = "middle";
+  write_text(dir / "other.yaml", format_corners(other));
+  const std::string renamed = "--corners " + (dir / "other.yaml").string();
+  says(old + " --add " + renamed,
+       {"--add to " + old + ": camera middle", "cam0, cam1", "one of these names"});
+  says(old + " --add --replace " + renamed, {"--add --replace to " + old + ": camera middle"});
+  says(renamed + " --start " + (dir / "truth.yaml").string(),
+       {"--start " + (dir / "truth.yaml").string() + ": camera middle", "cam0, cam1", "name the cameras"});
+  says("--corners " + old, {old, "--start " + old});
+}
+
 }  // namespace
 }  // namespace plumbline::test
