@@ -157,7 +157,7 @@ TEST(Constraints, ATieAcrossCamerasIsTheMinimumOverTheSharedValue) {
     options.ties.clear();
     options.fixed.clear();
     if (fx)
-      options.fixed = {"fx=" + format_double(*fx)};
+      options.fixed = {"cam0 fx=" + format_double(*fx), "cam1 fx=" + format_double(*fx)};
     else
       options.ties = {"cam0 fx=cam1 fx"};
     const auto cal = refine(start, options);
@@ -399,17 +399,61 @@ TEST(Constraints, WrongOnesAreRefusedWithTheNames) {
   EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam2 fx"}; }), HasSubstr("cam1 t_z"));
   EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0.rig"}; }), HasSubstr("there are"));
   EXPECT_THAT(refusal([](O& o) { o.fixed = {"fx=long"}; }), HasSubstr("not a number"));
-  EXPECT_THAT(refusal([](O& o) { o.fixed = {"fx=-5"}; }), HasSubstr("positive"));
-  EXPECT_THAT(refusal([](O& o) { o.fixed = {"fx=500", "cam0 fx=501"}; }), HasSubstr("500 and 501"));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0 fx=-5"}; }), HasSubstr("positive"));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0 fx=500", "cam0.fx=501"}; }), HasSubstr("500 and 501"));
   EXPECT_THAT(refusal([](O& o) { o.ties = {"fx"}; }), HasSubstr("NAME=NAME"));
   EXPECT_THAT(refusal([](O& o) { o.ties = {"fx=cam0 fy"}; }), HasSubstr("2 parameters on the left"));
   EXPECT_THAT(refusal([](O& o) { o.ties = {"fx=fx"}; }), HasSubstr("itself"));
   EXPECT_THAT(refusal([](O& o) { o.ties = {"cam1 r_x=cam1 r_y"}; }), HasSubstr("rotations"));
   EXPECT_THAT(refusal([](O& o) { o.ties = {"cam1 t_x=cam1 fx"}; }), HasSubstr("pose"));
-  EXPECT_THAT(refusal([](O& o) { o.ties = {"fx=fy"}, o.fixed = {"fx=500", "fy=501"}; }), HasSubstr("tied"));
+  EXPECT_THAT(refusal([](O& o) {
+                o.ties = {"fx=fy"}, o.fixed = {"cam0 fx=500", "cam0 fy=501"};
+              }),
+              HasSubstr("tied"));
   EXPECT_THAT(refusal([](O& o) { o.priors = {{"fx", 500, 0}}; }), HasSubstr("sigma above 0"));
   EXPECT_THAT(refusal([](O& o) { o.priors = {{"fz", 500, 1}}; }), HasSubstr("fz"));
   EXPECT_THAT(refusal([](O& o) { o.only = {"middle"}; }), HasSubstr("cam0, cam1"));
+}
+
+// One number for many parameters, or for parameters of several cameras: accepted before, and always a slip.
+TEST(Constraints, AValueIsOfOneParameter) {
+  const Calibration start = float_problem(2);
+  const auto refusal = [&](auto&& set) {
+    RefineOptions options;
+    set(options);
+    const auto c = detail::constraints_of(start, options);
+    return c ? std::string("accepted") : c.error().text();
+  };
+  using O = RefineOptions;
+  for (const std::string group : {"lens", "K", "pose", "rig", "cam0", "cam0.K", "cam1.pose"}) {
+    const std::string text = refusal([&](O& o) { o.fixed = {group + "=1"}; });
+    EXPECT_THAT(text, HasSubstr("'" + group + "=1'"));
+    EXPECT_THAT(text, HasSubstr(group + " is a group of"));
+    EXPECT_EQ(refusal([&](O& o) { o.fixed = {group}; }), "accepted");
+    EXPECT_THAT(refusal([&](O& o) { o.priors = {{group, 1, 1}}; }), HasSubstr(group + " is a group of"));
+  }
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"pose=2"}; }), HasSubstr("give each its own: cam1 r_x=..."));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"fx=500"}; }), HasSubstr("cam0 fx=500, cam1 fx=500"));
+  EXPECT_EQ(refusal([](O& o) { o.fixed = {"k3=0", "p1=0"}; }), "accepted");  // no such term
+  EXPECT_EQ(refusal([](O& o) { o.fixed = {"t_x=-0.1"}; }), "accepted");      // of cam1 alone
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"left.fx"}; }), HasSubstr("no camera or board is called 'left'"));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0.fz"}; }), HasSubstr("no shared parameter has this name"));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"=3"}; }), HasSubstr("no shared parameter has this name"));
+  EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0 fx=nan"}; }), HasSubstr("not a number"));
+}
+
+// Eight numbers each, and none of them means the same.
+TEST(Constraints, LensesOfTwoKindsAreNotTiedAsAWhole) {
+  Calibration start = float_problem(2);
+  start.rig.cameras[0].lens = example_lens("opencv4");
+  start.rig.cameras[1].lens = example_lens("kb4");
+  RefineOptions options;
+  options.ties = {"cam0=cam1"};
+  const auto c = detail::constraints_of(start, options);
+  ASSERT_FALSE(c);
+  EXPECT_THAT(c.error().text(), HasSubstr("it ties cam0 p1 to cam1 k3"));
+  options.ties = {"cam0.K=cam1.K"};
+  EXPECT_TRUE(detail::constraints_of(start, options));
 }
 
 }  // namespace
