@@ -342,7 +342,20 @@ void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
   cal.stats.weak.insert(cal.stats.weak.begin(), lean.begin(), lean.end());
 }
 
-// Where a camera stands is not known before the solve, so holding it needs a start or values.
+// The first of the texts in `fixed` that holds this parameter.
+std::string holder_of(const Calibration& cal, const RefineOptions& options, int index) {
+  for (const std::string& text : options.fixed) {
+    RefineOptions alone;
+    alone.fixed = {text};
+    const auto c = constraints_of(cal, alone);
+    if (c && c->held[static_cast<std::size_t>(index)]) return text;
+  }
+  return shared_parameter_names(cal)[static_cast<std::size_t>(index)];
+}
+
+// Where a camera stands and its focal length are not known before the solve, so holding them needs a start or
+// values: what the seed has of them is one guess of many. (Its centre in the middle, and terms of distortion
+// that are zero, are what holding those without a value means.)
 Status check_held_without_start(const Calibration& empty, const Constraints& constraints,
                                 const RefineOptions& options) {
   const char* next = "give a start (--start FILE, or an earlier calibration)";
@@ -350,20 +363,33 @@ Status check_held_without_start(const Calibration& empty, const Constraints& con
     return Error{ErrorCode::kInvalidData,
                  std::string("the other cameras cannot be held without numbers for them; ") + next,
                  "only '" + options.only[0] + "'"};
+  const auto has_value = [&](int i) {
+    return std::any_of(constraints.values.begin(), constraints.values.end(),
+                       [&](const auto& v) { return constraints.tied_to[v.first] == constraints.tied_to[i]; });
+  };
+  const auto refusal = [&](std::string what, int i) {
+    return Error{ErrorCode::kInvalidData, std::move(what) + next,
+                 "fixed parameter '" + holder_of(empty, options, i) + "'"};
+  };
+  const Offsets offsets = offsets_of(empty);
   const std::vector<std::string> names = shared_parameter_names(empty);
-  for (int at : offsets_of(empty).pose) {
+  for (std::size_t cam = 0; cam < offsets.lens.size(); ++cam) {
+    for (int i = offsets.lens[cam]; i < offsets.lens[cam] + 2; ++i) {
+      if (!constraints.held[i] || has_value(i)) continue;
+      return refusal(fmt::format("{} cannot be held without a number for it; give one ('{}=532.8'), or ",
+                                 names[i], names[i]),
+                     i);
+    }
+  }
+  for (int at : offsets.pose) {
     if (at < 0) continue;
     int n_held = 0, n_given = 0;
     for (int i = at; i < at + 6; ++i) {
       n_held += constraints.held[i];
-      n_given += std::any_of(constraints.values.begin(), constraints.values.end(), [&](const auto& v) {
-        return constraints.tied_to[v.first] == constraints.tied_to[i];
-      });
+      n_given += has_value(i);
     }
     if (n_held == 6 && n_given == 0)
-      return Error{ErrorCode::kInvalidData,
-                   std::string("a whole pose cannot be held without numbers for it; ") + next,
-                   "fixed parameter '" + names[at] + "'"};
+      return refusal("a whole pose cannot be held without numbers for it; ", at);
   }
   return {};
 }

@@ -456,5 +456,25 @@ TEST(Constraints, LensesOfTwoKindsAreNotTiedAsAWhole) {
   EXPECT_TRUE(detail::constraints_of(start, options));
 }
 
+// What the seed guesses of a focal length is nothing to hold.
+TEST(Constraints, AFocalLengthIsHeldAtANumber) {
+  const Calibration truth = float_problem(2, 7);
+  const auto refusal = [&](const std::vector<std::string>& fixed) {
+    RefineOptions options{.lenses = {"opencv4"}};
+    options.fixed = fixed;
+    const auto cal = calibrate(truth.data, options);
+    return cal ? std::string("accepted") : cal.error().text();
+  };
+  for (const std::string whole : {"cam1", "lens", "K", "cam0.fx"}) {
+    EXPECT_THAT(refusal({"k2", whole}),
+                testing::AllOf(HasSubstr("fixed parameter '" + whole + "'"), HasSubstr("give a start")));
+  }
+  EXPECT_EQ(refusal({"cam1.cx", "k2", "cam0.fx=550"}), "accepted");
+  EXPECT_EQ(refusal({"cam1", "cam1.fx=550", "cam1.fy=551.65", "cam1.cx=328.3", "cam1.cy=236.1"}), "accepted");
+  RefineOptions options;
+  options.fixed = {"cam1"};  // with a start it is what the option is for
+  EXPECT_TRUE(refine(truth, options));
+}
+
 }  // namespace
 }  // namespace plumbline::test
