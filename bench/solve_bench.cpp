@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // solve_bench TOOL LENS VIEWS CAMERAS [REPETITIONS] [THREADS]
-// One JSON line a run: time, cost, error against the truth, memory above the loaded problem. bench/solve/run
-// calls it for a table of all tools.
+// solve_bench write LENS VIEWS CAMERAS FILE: the corners as text, for tools in other languages
+// (mrcal_procedure.py). One JSON line a run: time, cost, error against the truth, memory above the loaded
+// problem. bench/solve/run calls it for a table of all tools.
 #include <malloc.h>
 
 #include <cstdio>
@@ -17,6 +18,7 @@ using namespace bench;
 
 std::optional<Outcome> run(const std::string& tool, SolveSet& set, int n_threads) {
   if (tool == "plumbline") return run_plumbline(set, n_threads);
+  if (tool == "plumbline-procedure") return run_procedure(set, n_threads);
   if (tool == "plumbline-ceres") return run_our_ceres(set);
   if (tool == "ceres-autodiff") return run_autodiff(set, false);
   if (tool == "ceres-autodiff-tight") return run_autodiff(set, true);
@@ -33,6 +35,18 @@ double memory_mb(const std::string& key) {
     if (line.rfind(key + ":", 0) == 0) return std::strtod(line.c_str() + key.size() + 1, nullptr) / 1024;
   }
   return 0;
+}
+
+// One line for each view, "camera frame" and the pixels of its corners in the board's order.
+bool write_corners(const SolveSet& set, const char* path) {
+  std::FILE* file = std::fopen(path, "w");
+  if (!file) return false;
+  for (const auto& view : set.start.data.views) {
+    std::fprintf(file, "%d %d", view.cam, view.frame);
+    for (const auto& c : view.corners) std::fprintf(file, " %.17g %.17g", c.px.x(), c.px.y());
+    std::fputc('\n', file);
+  }
+  return std::fclose(file) == 0;
 }
 
 // Forgets the peak so far.
@@ -52,6 +66,7 @@ int main(int argc, char** argv) {
   const int n_views = std::atoi(argv[3]), n_cams = std::atoi(argv[4]);
   const int repetitions = argc > 5 ? std::atoi(argv[5]) : 1, n_threads = argc > 6 ? std::atoi(argv[6]) : 1;
   const SolveSet set = make_set(lens, n_views, n_cams);
+  if (tool == "write") return argc > 5 && write_corners(set, argv[5]) ? 0 : 1;
   for (int i = 0; i < repetitions; ++i) {
     SolveSet mine = set;
     reset_peak();

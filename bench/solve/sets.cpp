@@ -83,7 +83,8 @@ SE3 pushed(const SE3& T, Rng& rng) {
 
 SolveSet make_set(const std::string& lens, int n_views, int n_cams) {
   SolveSet set;
-  set.truth = true_rig(lens, n_cams);
+  const bool splined = lens.starts_with("splined");
+  set.truth = true_rig(splined ? "opencv5" : lens, n_cams);
   Calibration& cal = set.start;
   cal.rig = set.truth;
   cal.data.targets = {*make_target(Chessboard{.columns = 10, .rows = 14, .square_m = 0.03})};
@@ -106,6 +107,7 @@ SolveSet make_set(const std::string& lens, int n_views, int n_cams) {
     cal.T_rig_board.push_back(pushed(T, rng));
   }
   for (Camera& camera : cal.rig.cameras) {
+    if (splined) camera.lens = *make_lens(lens, kSize, params(camera.lens)[0]);
     const auto k = params(camera.lens);
     k[0] *= 1.05, k[1] *= 1.05;
     k[2] = 0.5 * (kSize.width - 1), k[3] = 0.5 * (kSize.height - 1);

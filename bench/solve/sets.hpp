@@ -14,7 +14,8 @@ struct SolveSet {
 };
 
 /// A board of 10 x 14 corners, 30 mm apart, tilted up to 45 degrees, seen whole in 1920 x 1200 pixels by
-/// every camera of a frame, with 0.3 px of noise. `lens`: opencv5, opencv8 or kb4 (130 degrees across).
+/// every camera of a frame, with 0.3 px of noise. `lens`: opencv5, opencv8 or kb4 (130 degrees across), or
+/// a splined lens by its spec, whose pictures an opencv5 lens made.
 /// Cameras stand side by side, 60 mm apart (two) or 30 mm.
 SolveSet make_set(const std::string& lens, int n_views, int n_cams);
 

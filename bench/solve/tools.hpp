@@ -36,6 +36,8 @@ class Stopwatch {
 /// Each solves the set from its start (OpenCV makes its own), which it may overwrite; nullopt when the tool
 /// cannot or fails.
 std::optional<Outcome> run_plumbline(SolveSet& set, int n_threads);
+/// calibrate() from the corners alone: seed, outliers, solve, covariance.
+std::optional<Outcome> run_procedure(SolveSet& set, int n_threads);
 std::optional<Outcome> run_our_ceres(SolveSet& set);  ///< our reference: an analytic cost for each view
 std::optional<Outcome> run_autodiff(SolveSet& set, bool tight);  ///< Ceres as a user would write it
 std::optional<Outcome> run_opencv(SolveSet& set,

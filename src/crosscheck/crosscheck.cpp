@@ -146,11 +146,15 @@ double typical_distance(const Calibration& cal, int cam) {
   return distances[distances.size() / 2];
 }
 
-// A splined lens can trade a motion of the camera for control points: the motion is taken out first.
+// A spline that stands for another lens can trade a motion of the camera for control points: the motion is
+// taken out first. A splined lens itself says nothing where no corner was.
 DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std::vector<std::string>& notes) {
   const Camera& camera = cal.rig.cameras[cam];
   const Projection theirs = detail::projection_of(lens);
-  const auto diff = detail::same_lens(camera.lens)
+  const auto diff = is_sparse(camera.lens)
+                        ? compare_projection(camera, theirs, Align::kNone, typical_distance(cal, cam),
+                                             near_corners(cal, cam))
+                    : detail::same_lens(camera.lens)
                         ? compare_projection(camera, theirs)
                         : compare_projection(camera, theirs, Align::kPose, typical_distance(cal, cam),
                                              near_corners(cal, cam));
@@ -159,11 +163,14 @@ DiffPx difference(const Calibration& cal, int cam, const RefereeLens& lens, std:
   return {};
 }
 
-// mrcal's optimum from where the problem stands. Of a splined lens that was fitted to ours only the core is
+// mrcal's optimum from where the problem stands. A splined lens of ours is mrcal's own, with mrcal's own
+// regularisation. Of a splined lens that was fitted to ours only the core is
 // free, and the poses: its hundreds of control points would follow the noise, and without mrcal's
 // regularisation, which pulls them away from the lens they stand for, those that see no corner would go
 // anywhere.
-std::optional<double> solve(Problem& problem) {
+std::optional<double> solve(Problem& problem, const Lens& ours) {
+  if (is_sparse(ours))
+    return detail::optimise(problem, {.core = false, .distortion = true, .regularise = true});
   const bool splined = problem.model.type == MRCAL_LENSMODEL_SPLINED_STEREOGRAPHIC;
   return detail::optimise(problem, {.core = true, .distortion = !splined});
 }
@@ -195,7 +202,7 @@ std::optional<Seeded> from_seed(const Calibration& cal, const Setup& setup, std:
   // As mrcal's own calibration tool goes: poses first, then the core, then everything.
   if (!detail::optimise(problem, {.core = false, .distortion = false, .max_rounds = 1})) return std::nullopt;
   if (!detail::optimise(problem, {.core = true, .distortion = false, .max_rounds = 1})) return std::nullopt;
-  const auto rms = solve(problem);
+  const auto rms = solve(problem, seed.calibration.rig.cameras[0].lens);
   if (!rms) return std::nullopt;
   return Seeded{std::move(problem), *rms};
 }
@@ -224,12 +231,12 @@ Result<CameraCrosscheck> check_camera(const Calibration& cal, int cam, const Set
   }
   if (setup.lattice) {
     Problem problem = detail::make_problem(lone, *setup.lattice, {*lens}, setup.use_sigma);
-    const auto rms = solve(problem);
+    const auto rms = solve(problem, camera.lens);
     if (!rms) return refused("camera " + camera.name);
     out.referee_rms_px = *rms;
     lens->parameters = problem.intrinsics[0];
     // An optimum found without ours says more than one found from it; taken when it is the same one.
-    if (detail::same_lens(camera.lens)) {
+    if (detail::same_lens(camera.lens) && !is_sparse(camera.lens)) {
       std::vector<std::string> of_the_seed;  // said for all cameras together
       const auto seeded = from_seed(lone, setup, of_the_seed);
       if (seeded && of_the_seed.empty() && seeded->rms_px <= *rms * (1 + 1e-8)) {
@@ -248,10 +255,10 @@ Result<CameraCrosscheck> check_camera(const Calibration& cal, int cam, const Set
 // The lenses of all cameras of one and the same model of mrcal, or nothing: mrcal takes one model per
 // problem.
 std::optional<std::vector<RefereeLens>> common_lenses(const Calibration& cal) {
-  const std::string_view name = lens_name(cal.rig.cameras[0].lens);
+  const std::string spec = lens_spec(cal.rig.cameras[0].lens);
   std::vector<RefereeLens> lenses;
   for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
-    if (lens_name(cal.rig.cameras[cam].lens) != name) return std::nullopt;
+    if (lens_spec(cal.rig.cameras[cam].lens) != spec) return std::nullopt;
     if (auto same = detail::same_lens(cal.rig.cameras[cam].lens)) {
       lenses.push_back(*std::move(same));
       continue;
@@ -289,7 +296,7 @@ Status check_joint(const Calibration& cal, const Setup& setup, Crosscheck& out) 
     return {};
   }
   Problem problem = detail::make_problem(cal, *setup.lattice, *lenses, setup.use_sigma);
-  const auto rms = solve(problem);
+  const auto rms = solve(problem, cal.rig.cameras[0].lens);
   if (!rms) return refused("all cameras");
   out.referee_rms_px = *rms;
   out.bow_m = bow_of(cal, 0);
@@ -299,9 +306,10 @@ Status check_joint(const Calibration& cal, const Setup& setup, Crosscheck& out) 
     lens.parameters = problem.intrinsics[cam];
     out.cameras[cam].joint_diff_px = difference(cal, static_cast<int>(cam), lens, out.notes);
   }
-  if (!detail::same_lens(cal.rig.cameras[0].lens)) {
+  if (is_sparse(cal.rig.cameras[0].lens) || !detail::same_lens(cal.rig.cameras[0].lens)) {
     out.referee_rms_from_seed_px = out.referee_rms_px;
-    out.notes.push_back("no start from a seed: the splined lens starts from the one fitted to ours");
+    out.notes.push_back(
+        "no start from a seed: the splined lens starts from ours, or from the one fitted to ours");
     return {};
   }
   const auto seeded = from_seed(cal, setup, out.notes);

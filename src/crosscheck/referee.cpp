@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "crosscheck/referee.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -44,6 +46,9 @@ std::optional<RefereeLens> same_lens(const Lens& lens) {
     out.name = "LENSMODEL_PINHOLE";
   else if (lens_name(lens).starts_with("opencv"))
     out.name = "LENSMODEL_OPENCV" + std::string(lens_name(lens).substr(6));
+  else if (const auto* splined = std::get_if<Splined>(&lens))
+    out.name = fmt::format("LENSMODEL_SPLINED_STEREOGRAPHIC_order={}_Nx={}_Ny={}_fov_x_deg={}",
+                           splined->order, splined->n_x, splined->n_y, splined->fov_x_deg);
   else
     return std::nullopt;
   if (!mrcal_lensmodel_from_name(&out.model, out.name.c_str())) return std::nullopt;

@@ -21,7 +21,8 @@ struct RefereeLens {
   std::vector<double> parameters;
 };
 
-/// mrcal's lens of the same definition and parameter order; nullopt where it has none (kb4).
+/// mrcal's lens of the same definition and parameter order, a splined one included; nullopt where it has none
+/// (kb4).
 std::optional<RefereeLens> same_lens(const Lens& lens);
 
 /// mrcal_project as a Projection. The lens must outlive it.

@@ -23,18 +23,20 @@ struct Basis {
   std::array<double, 4> value{}, slope{};
 };
 
+int first_knot(int order, int n, double i) {
+  if (order == 2) return std::clamp(static_cast<int>(std::floor(i + 0.5)), 1, n - 2) - 1;
+  return std::clamp(static_cast<int>(std::floor(i)), 1, n - 3) - 1;
+}
+
 Basis basis_at(int order, int n, double i) {
   Basis b;
+  b.first = first_knot(order, n, i);
   if (order == 2) {
-    const int middle = std::clamp(static_cast<int>(std::floor(i + 0.5)), 1, n - 2);
-    const double x = i - middle;  // -1/2 to 1/2
-    b.first = middle - 1;
+    const double x = i - (b.first + 1);  // -1/2 to 1/2
     b.value = {0.5 * (0.5 - x) * (0.5 - x), 0.75 - x * x, 0.5 * (0.5 + x) * (0.5 + x), 0};
     b.slope = {x - 0.5, -2 * x, x + 0.5, 0};
   } else {
-    const int left = std::clamp(static_cast<int>(std::floor(i)), 1, n - 3);
-    const double x = i - left, y = 1 - x;  // 0 to 1
-    b.first = left - 1;
+    const double x = i - (b.first + 1), y = 1 - x;  // 0 to 1
     b.value = {y * y * y / 6, 2.0 / 3 - x * x * (1 - 0.5 * x), 2.0 / 3 - y * y * (1 - 0.5 * y),
                x * x * x / 6};
     b.slope = {-0.5 * y * y, x * (1.5 * x - 2), y * (2 - 1.5 * y), 0.5 * x * x};
@@ -49,9 +51,13 @@ struct Correction {
   Basis x, y;
 };
 
-std::optional<Correction> correction_at(const Splined& lens, const Vec2& u) {
+bool within_reach(const Splined& lens, const Vec2& u) {
   const Vec2 reach = lens.reach();
-  if (!(std::abs(u.x()) <= reach.x() && std::abs(u.y()) <= reach.y())) return std::nullopt;
+  return std::abs(u.x()) <= reach.x() && std::abs(u.y()) <= reach.y();
+}
+
+std::optional<Correction> correction_at(const Splined& lens, const Vec2& u) {
+  if (!within_reach(lens, u)) return std::nullopt;
   const double s = lens.knots_per_unit();
   Correction at;
   at.x = basis_at(lens.order, lens.n_x, u.x() * s + 0.5 * (lens.n_x - 1));
@@ -161,6 +167,13 @@ Vec2 Splined::reach() const { return Vec2(n_x - order, n_y - order) / (2 * knots
 
 Vec2 Splined::knot(int i, int j) const {
   return Vec2(i - 0.5 * (n_x - 1), j - 0.5 * (n_y - 1)) / knots_per_unit();
+}
+
+std::optional<std::array<int, 2>> Splined::first_knots(const Vec2& u) const {
+  if (!within_reach(*this, u)) return std::nullopt;
+  const double s = knots_per_unit();
+  return std::array<int, 2>{first_knot(order, n_x, u.x() * s + 0.5 * (n_x - 1)),
+                            first_knot(order, n_y, u.y() * s + 0.5 * (n_y - 1))};
 }
 
 std::vector<std::string> Splined::param_names() const {

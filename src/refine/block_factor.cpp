@@ -13,6 +13,10 @@ namespace {
 // Below this share of the largest, a diagonal entry of a board's block is damped as if it were so large.
 constexpr double kLeastDiagonal = 1e-12;
 
+// A matrix of more shared parameters than this is too large to have one for each run of frames; its columns
+// are shared out among the threads instead, so many at a time.
+constexpr int kMostDense = 250, kPanel = 64;
+
 Vec6 forward(const Mat6& L, Vec6 b) {
   for (int j = 0; j < 6; ++j) {
     b[j] /= L(j, j);
@@ -30,10 +34,10 @@ Vec6 backward(const Mat6& L, Vec6 b) {
 }
 
 // b(shared) -= B y
-void subtract_product(const BlockFrame& frame, const double* B, const Vec6& y, VecX& b) {
-  const int n = frame.n_shared;
+void subtract_product(const Coupling& coupling, const double* B, const Vec6& y, VecX& b) {
+  const int n = coupling.n_rows;
   int row = 0;
-  for (const Segment& s : frame.shared) {
+  for (const Segment& s : coupling.segments) {
     for (int i = 0; i < s.n; ++i, ++row) {
       const double* r = B + row;
       b[s.first + i] -= (r[0] * y[0] + r[n] * y[1]) + (r[2 * n] * y[2] + r[3 * n] * y[3]) +
@@ -43,12 +47,12 @@ void subtract_product(const BlockFrame& frame, const double* B, const Vec6& y, V
 }
 
 // y += B' d(shared)
-void add_transposed_product(const BlockFrame& frame, const double* B, const VecX& d, Vec6& y) {
-  const int n = frame.n_shared;
+void add_transposed_product(const Coupling& coupling, const double* B, const VecX& d, Vec6& y) {
+  const int n = coupling.n_rows;
   for (int k = 0; k < 6; ++k) {
     const double* r = B + k * n;
     double sum = 0;
-    for (const Segment& s : frame.shared) {
+    for (const Segment& s : coupling.segments) {
       for (int i = 0; i < s.n; ++i) sum += r[i] * d[s.first + i];
       r += s.n;
     }
@@ -74,40 +78,56 @@ MatX reduced(const MatX& A, const Reduction& reduction) {
 
 }  // namespace
 
+bool BlockFactor::eliminate_boards(MatX& S) {
+  const std::size_t n_frames = problem_->frames.size();
+  L_ = normal_->A_ff;
+  B_ = normal_->A_sf;
+  D_f_.resize(n_frames);
+  const Runs runs(n_frames);
+  const bool in_panels = S.rows() > kMostDense;
+  const KernelSet& kernels = best_kernels();
+  runs_.resize(in_panels ? 1 : static_cast<std::size_t>(runs.n_runs));
+  const auto add_outer = [&](std::size_t f, MatX& sum, int first, int end) {
+    const Coupling& c = coupling(f);
+    kernels.add_outer(B_.data() + c.at, c.n_rows, c.segments.data(), static_cast<int>(c.segments.size()),
+                      sum.data(), static_cast<int>(sum.rows()), first, end);
+  };
+  std::vector<char> ok(static_cast<std::size_t>(runs.n_runs), 1);
+  problem_->workers->run(runs.n_runs, [&](int run) {
+    if (!in_panels) runs_[static_cast<std::size_t>(run)].setZero(S.rows(), S.cols());
+    for (int i = runs.first(run); i < runs.first(run + 1); ++i) {
+      const auto f = static_cast<std::size_t>(i);
+      D_f_[f] = L_[f].diagonal().cwiseMax(kLeastDiagonal * L_[f].diagonal().maxCoeff());
+      L_[f].diagonal() += lambda_ * D_f_[f];
+      if (!kernels.eliminate(L_[f].data(), B_.data() + coupling(f).at, coupling(f).n_rows)) {
+        ok[static_cast<std::size_t>(run)] = 0;
+        return;
+      }
+      if (!in_panels) add_outer(f, runs_[static_cast<std::size_t>(run)], 0, static_cast<int>(S.cols()));
+    }
+  });
+  if (std::find(ok.begin(), ok.end(), 0) != ok.end()) return false;
+  if (in_panels) {
+    const int n = static_cast<int>(S.cols());
+    runs_[0].setZero(n, n);
+    problem_->workers->run((n + kPanel - 1) / kPanel, [&](int panel) {
+      for (std::size_t f = 0; f < n_frames; ++f)
+        add_outer(f, runs_[0], panel * kPanel, std::min(n, (panel + 1) * kPanel));
+    });
+  }
+  for (const MatX& sum : runs_) S -= sum;
+  return true;
+}
+
 bool BlockFactor::make(const BlockProblem& problem, const BlockNormal& normal, Reduction reduction,
                        bool hold_boards, double lambda) {
   problem_ = &problem;
+  normal_ = &normal;
   reduction_ = std::move(reduction);
   lambda_ = lambda;
   hold_boards_ = hold_boards;
   MatX S = normal.A_ss;
-  if (!hold_boards) {
-    const std::size_t n_frames = problem.frames.size();
-    L_ = normal.A_ff;
-    B_ = normal.A_sf;
-    D_f_.resize(n_frames);
-    const Runs runs(n_frames);
-    runs_.resize(static_cast<std::size_t>(runs.n_runs));
-    std::vector<char> ok(runs_.size(), 1);
-    const EliminateFunction eliminate = best_kernels().eliminate;
-    problem.workers->run(runs.n_runs, [&](int run) {
-      MatX& sum = runs_[static_cast<std::size_t>(run)];
-      sum.setZero(S.rows(), S.cols());
-      for (int i = runs.first(run); i < runs.first(run + 1); ++i) {
-        const auto f = static_cast<std::size_t>(i);
-        const BlockFrame& frame = problem.frames[f];
-        D_f_[f] = L_[f].diagonal().cwiseMax(kLeastDiagonal * L_[f].diagonal().maxCoeff());
-        L_[f].diagonal() += lambda * D_f_[f];
-        if (!eliminate(L_[f].data(), B_.data() + frame.at, frame.n_shared, frame.shared.data(),
-                       static_cast<int>(frame.shared.size()), sum.data(), static_cast<int>(sum.rows()))) {
-          ok[static_cast<std::size_t>(run)] = 0;
-          return;
-        }
-      }
-    });
-    if (std::find(ok.begin(), ok.end(), 0) != ok.end()) return false;
-    for (const MatX& sum : runs_) S -= sum;
-  }
+  if (!hold_boards && !eliminate_boards(S)) return false;
   const VecX D = reduced(normal.A_ss, reduction_).diagonal().cwiseMax(1e-300);
   S_ = reduced(S, reduction_);
   S_.diagonal() += lambda * D;
@@ -131,7 +151,7 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
   if (!hold_boards_) {
     for (std::size_t f = 0; f < n_frames; ++f) {
       d.boards[f] = forward(L_[f], g.boards[f]);
-      subtract_product(problem_->frames[f], B_.data() + problem_->frames[f].at, d.boards[f], b);
+      subtract_product(coupling(f), B_.data() + coupling(f).at, d.boards[f], b);
     }
   }
   if (reduction_.n_free > 0) {
@@ -148,7 +168,7 @@ std::optional<BlockVector> BlockFactor::step(const BlockVector& g) const {
   }
   if (!hold_boards_) {
     for (std::size_t f = 0; f < n_frames; ++f) {
-      add_transposed_product(problem_->frames[f], B_.data() + problem_->frames[f].at, d.shared, d.boards[f]);
+      add_transposed_product(coupling(f), B_.data() + coupling(f).at, d.shared, d.boards[f]);
       d.boards[f] = -backward(L_[f], d.boards[f]);
     }
   }

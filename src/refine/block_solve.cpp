@@ -118,9 +118,6 @@ bool block_solver_can(const Calibration& cal, const SolveSpec& spec) {
   for (std::size_t i = 0; i < cal.data.targets.size(); ++i) {
     if (bow_of(cal, static_cast<int>(i))) return false;
   }
-  for (const Camera& camera : cal.rig.cameras) {
-    if (is_sparse(camera.lens)) return false;
-  }
   if (spec.held.empty()) return true;
   const Offsets offsets = offsets_of(cal);
   std::vector<int> poses = offsets.pose;
@@ -170,7 +167,8 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
         damping = std::max(1e-3 * damping, kLeastDamping);
         continue;
       }
-      if (report.iterations > kPlainIterations) bend(problem, state, normal, factor, g, *step);
+      if (report.iterations > kPlainIterations && problem.splines.empty())
+        bend(problem, state, normal, factor, g, *step);
       BlockState next = moved(problem, state, *step);
       if (focal_lengths_positive(next)) {
         if (make_normal(problem, next, next_normal))

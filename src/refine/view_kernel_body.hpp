@@ -2,6 +2,7 @@
 #pragma once
 // The kernels themselves, for the view_kernel_*.cpp, each of which says PLUMBLINE_PACK (doubles at a time).
 // Internal linkage on purpose: see view_kernel_sets.hpp.
+#include "refine/spline_kernel_body.hpp"
 #include "refine/view_kernel_pack.hpp"
 #include "refine/view_kernel_sets.hpp"
 
@@ -247,8 +248,7 @@ inline bool factor6(double* A) {
   return true;
 }
 
-bool run_eliminate(double* A, double* B, int rows, const Segment* segments, int n_segments, double* S,
-                   int S_rows) {
+bool run_eliminate(double* A, double* B, int rows) {
   if (!factor6(A)) return false;
   for (int j = 0; j < 6; ++j) {
     double* __restrict column = B + j * rows;
@@ -259,11 +259,17 @@ bool run_eliminate(double* A, double* B, int rows, const Segment* segments, int 
     const double inverse = 1 / A[7 * j];
     for (int i = 0; i < rows; ++i) column[i] *= inverse;
   }
+  return true;
+}
+
+void run_add_outer(const double* B, int rows, const Segment* segments, int n_segments, double* S, int S_rows,
+                   int first, int end) {
   const double *b0 = B, *b1 = B + rows, *b2 = B + 2 * rows, *b3 = B + 3 * rows, *b4 = B + 4 * rows,
                *b5 = B + 5 * rows;
   int c = 0;  // row of B that makes the column
-  for (int s = 0; s < n_segments; ++s) {
+  for (int s = 0; s < n_segments && segments[s].first < end; ++s) {
     for (int e = 0; e < segments[s].n; ++e, ++c) {
+      if (segments[s].first + e < first || segments[s].first + e >= end) continue;
       const double x0 = b0[c], x1 = b1[c], x2 = b2[c], x3 = b3[c], x4 = b4[c], x5 = b5[c];
       double* column = S + static_cast<long>(segments[s].first + e) * S_rows;
       int r = c - e;
@@ -277,10 +283,9 @@ bool run_eliminate(double* A, double* B, int rows, const Segment* segments, int 
       }
     }
   }
-  return true;
 }
 
-// Lenses with a run-time number of parameters have no kernel (block_solver_can() says so).
+// Lenses with a run-time number of parameters have another kernel (run_spline).
 template <class L>
 constexpr KernelFunction kernel_of() {
   if constexpr (FixedLens<L>)
@@ -291,7 +296,7 @@ constexpr KernelFunction kernel_of() {
 
 template <class... L>
 constexpr KernelSet kernels_of(const std::variant<L...>*, const char* name) {
-  return {name, kWidth, run_eliminate, {kernel_of<L>()...}};
+  return {name, kWidth, run_eliminate, run_add_outer, run_spline, {kernel_of<L>()...}};
 }
 
 }  // namespace

@@ -41,17 +41,56 @@ struct Segment {
 };
 
 /// Eliminates a board pose. A (6 x 6, only its lower triangle is read) becomes its Cholesky factor L; B (6
-/// columns of `rows` numbers, the rows in the order of the segments) becomes B L^-T; B B' is added to the
-/// lower triangle of S (column by column, S_rows to a column) at the segments. False when A is not positive
-/// definite.
-using EliminateFunction = bool (*)(double* A, double* B, int rows, const Segment* segments, int n_segments,
-                                   double* S, int S_rows);
+/// columns of `rows` numbers) becomes B L^-T. False when A is not positive definite.
+using EliminateFunction = bool (*)(double* A, double* B, int rows);
+
+/// Adds B B' to the lower triangle of S (column by column, S_rows to a column) at the segments, in whose
+/// order the rows of B are, in the columns from `first` to before `end`.
+using AddOuterFunction = void (*)(const double* B, int rows, const Segment* segments, int n_segments,
+                                  double* S, int S_rows, int first, int end);
+
+/// One view of a splined lens. Its control points depend on where each corner lies, which is found before
+/// (spline_view.hpp), so that no rounding of the kernel's can put a corner elsewhere.
+struct SplineInput {
+  KernelState at;
+  int order, n_x, n_y;
+  double knots_per_unit;
+  const double* points;  ///< as in KernelInput
+  const double* px;
+  int n, n_padded;         ///< corners, and the length of their columns
+  const int* first_knots;  ///< of each corner: x, y
+  const int*
+      row_of_knots;  ///< of each row of knots: control point i's x is at this + 2 i in SplineOutput::control
+  int n_rows;
+  int loss;
+  double loss_scale;
+};
+
+/// Columns of a corner's Jacobian row besides the control points: focal length, centre, dw dt, residual.
+constexpr int kSplineColumns = 9;
+/// Rows of the gram: fx fy cx cy, dw dt, residual.
+constexpr int kSplineGram = 11;
+/// A knot and another of at most three rows below: 7 (row below) + 3 + (columns to the right of it).
+constexpr int kSplineBand = 28;
+
+struct SplineOutput {
+  double* gram;  ///< lower triangle, row by row
+  /// Added to: of each knot kSplineBand sums of products of its and another knot's weights. Times fx^2 this
+  /// is what their x have with each other, times fy^2 their y.
+  double* band;
+  double* control;  ///< added to: kSplineColumns columns of n_rows, the control points' products with those
+};
+
+/// Half the sum of rho; NaN when the surface is folded at a corner.
+using SplineFunction = double (*)(const SplineInput&, const SplineOutput&);
 
 /// The functions of one instruction set, the kernels in the order of the list Lens.
 struct KernelSet {
   const char* name;
   int width;  ///< doubles at a time
   EliminateFunction eliminate;
+  AddOuterFunction add_outer;
+  SplineFunction spline;
   KernelFunction functions[std::variant_size_v<Lens>];
 };
 

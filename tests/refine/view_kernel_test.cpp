@@ -7,23 +7,13 @@
 #include <gtest/gtest.h>
 
 #include "plumbline/geometry/so3.hpp"
-#include "refine/view_kernel_sets.hpp"
+#include "refine/kernel_sets.hpp"
 #include "support/lens_samples.hpp"
 
 namespace plumbline::test {
 namespace {
 
 using namespace detail;
-
-std::vector<const KernelSet*> sets_here() {
-  std::vector<const KernelSet*> sets{&kBaselineKernels};
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) sets.push_back(&kAvx2Kernels);
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq"))
-    sets.push_back(&kAvx512Kernels);
-#endif
-  return sets;
-}
 
 // Corners of a board before the lens, with residuals of some pixels and weights of their own.
 template <class L>
@@ -70,7 +60,7 @@ TYPED_TEST(ViewKernel, SumsWhatCeresCostSays) {
     const ViewCorners corners = view_corners(list);
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = T.R();
     const Vec3 t = T.t();
-    for (const KernelSet* set : sets_here()) {
+    for (const KernelSet* set : kernel_sets_here()) {
       std::vector<double> lower((n + 7) * (n + 8) / 2), s(static_cast<std::size_t>(corners.n_padded()));
       const KernelInput in{{params(any).data(), R.data(), t.data()},
                            {},
@@ -100,7 +90,7 @@ TEST(ViewKernelFunction, EliminatesABoardPose) {
   Rng rng(5);
   const std::vector<Segment> segments{{2, 5}, {9, 1}, {12, 20}};
   constexpr int kRows = 26, kAll = 40;
-  for (const KernelSet* set : sets_here()) {
+  for (const KernelSet* set : kernel_sets_here()) {
     const auto random = [&](Eigen::Index rows, Eigen::Index cols) {
       return MatX(MatX::NullaryExpr(rows, cols, [&] { return rng.normal(); }));
     };
@@ -110,7 +100,9 @@ TEST(ViewKernelFunction, EliminatesABoardPose) {
     const MatX expected = B * A.inverse() * B.transpose();
     const Mat6 A_before = A;
     const MatX B_before = B;
-    ASSERT_TRUE(set->eliminate(A.data(), B.data(), kRows, segments.data(), 3, S.data(), kAll));
+    ASSERT_TRUE(set->eliminate(A.data(), B.data(), kRows));
+    for (const auto [first, end] : {std::pair(0, 5), {5, 13}, {13, kAll}})  // in panels that cut segments
+      set->add_outer(B.data(), kRows, segments.data(), 3, S.data(), kAll, first, end);
     const MatX L = A.triangularView<Eigen::Lower>();
     EXPECT_LT((L * L.transpose() - A_before).norm(), 1e-13 * A_before.norm()) << set->name;
     EXPECT_LT((B * L.transpose() - B_before).norm(), 1e-12 * B_before.norm()) << set->name;
@@ -122,7 +114,7 @@ TEST(ViewKernelFunction, EliminatesABoardPose) {
       for (int j = 0; j <= i; ++j) change(place[i], place[j]) = expected(i, j);
     EXPECT_LT((S - before - change).norm(), 1e-10 * expected.norm()) << set->name;
     A = -A_before;
-    EXPECT_FALSE(set->eliminate(A.data(), B.data(), kRows, segments.data(), 3, S.data(), kAll));
+    EXPECT_FALSE(set->eliminate(A.data(), B.data(), kRows));
   }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <optional>
 #include <span>
 #include <string>
@@ -60,6 +61,8 @@ struct Splined {
   Vec2 reach() const;
   int control_point(int i, int j) const { return 4 + 2 * (j * n_x + i); }  ///< index of c_ij's x
   Vec2 knot(int i, int j) const;                                           ///< u of the knot (i, j)
+  /// The first of the order + 1 knots each way whose splines are not zero at u; nullopt outside the domain.
+  std::optional<std::array<int, 2>> first_knots(const Vec2& u) const;
 
   std::optional<Vec2> project(const Vec3& p_cam, Mat23* J_px_p = nullptr, SparseJac* J_px_k = nullptr) const;
   std::optional<Vec3> unproject(const Vec2& px) const;
