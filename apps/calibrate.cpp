@@ -52,9 +52,11 @@ Result<int> run(const Options& o, const Common& common) {
   const auto problem = load_problem(o.start, o.inputs, o.lens, common);
   if (!problem) return problem.error();
   const double detect_s = seconds_since(start);
-  auto lenses = parse_lenses(o.lens.empty() ? "opencv5" : o.lens, problem->data.cameras);
-  if (!lenses) return lenses.error();
-  options.lenses = *lenses;
+  if (!problem->start) {
+    auto lenses = parse_lenses(o.lens.empty() ? "opencv5" : o.lens, problem->data.cameras, false);
+    if (!lenses) return lenses.error();
+    options.lenses = *lenses;
+  }
 
   const auto solve_start = Clock::now();
   auto calibration = problem->start ? refine(*problem->start, options) : calibrate(problem->data, options);
@@ -94,7 +96,7 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option(
       "--lens", o->lens,
       "one lens for all cameras, or left=opencv8,right=kb4; auto: the one that predicts views left out best "
-      "(default: opencv5, or those of the start)");
+      "(default: opencv5; with a start, those of the start, also for cameras that are not named)");
   app.add_option("--loss", o->loss, "squared, huber or cauchy")
       ->check(CLI::IsMember({"squared", "huber", "cauchy"}));
   app.add_option("--loss-scale", o->loss_scale_px, "where huber and cauchy bend [px]")->check(positive());

@@ -78,11 +78,22 @@ Result<Dataset> load_vnl(const CalibrateInputs& in) {
 Result<Dataset> load_corners(const CalibrateInputs& in) {
   auto text = read_file(in.corners);
   if (!text) return text.error();
+  if (text->find("plumbline_calibration:") != std::string::npos)
+    return Error{
+        ErrorCode::kInvalidData,
+        fmt::format("the file is a calibration; give it without --corners to solve its corners again, or "
+                    "as --start {} for its cameras",
+                    in.corners),
+        "--corners " + in.corners};
   const bool is_vnl =
       std::filesystem::path(in.corners).extension() == ".vnl" || trim(*text).substr(0, 1) == "#";
   if (is_vnl && text->find("plumbline_corners") == std::string::npos) return load_vnl(in);
   if (!in.cams.empty())
     usage_error("--cam goes with images or with a .vnl file; a corners.yaml names its cameras itself");
+  if (!in.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; a corners.yaml has the size of its images");
+  if (!in.pair_by.empty())
+    usage_error("--pair-by goes with images or with a .vnl file; a corners.yaml has its frames");
   auto data = load_corners_yaml(in.corners);
   if (!data || in.targets.empty()) return data;
   auto targets = load_targets(in.targets);
@@ -108,6 +119,8 @@ void check_usage(const CalibrateInputs& in) {
   if (in.corners.empty() && (in.targets.empty() || in.cams.empty())) {
     usage_error("either --target and --cam, or --corners is needed");
   }
+  if (in.corners.empty() && !in.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; images have their own size");
 }
 
 void add_input_options(CLI::App& app, CalibrateInputs& in) {
@@ -149,7 +162,7 @@ Result<Dataset> load_observations(const CalibrateInputs& in, const Common& commo
 }
 
 Result<std::vector<std::string>> parse_lenses(const std::string& argument,
-                                              const std::vector<CameraInfo>& cameras) {
+                                              const std::vector<CameraInfo>& cameras, bool has_start) {
   std::map<std::string, std::string> by_camera;
   std::string for_all;
   for (const std::string& piece : split(argument, ',')) {
@@ -164,8 +177,9 @@ Result<std::vector<std::string>> parse_lenses(const std::string& argument,
     const auto it = by_camera.find(camera.name);
     const std::string lens = it != by_camera.end() ? it->second : for_all;
     if (it != by_camera.end()) by_camera.erase(it);
-    if (lens.empty()) usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
-    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made && lens != "auto")
+    if (lens.empty() && !has_start)
+      usage_error(fmt::format("--lens {}: camera {} has no lens", argument, camera.name));
+    if (const auto made = make_lens(lens, ImageSize{}, 1.0); !made && lens != "auto" && !lens.empty())
       usage_error("--lens: " + made.error().message);
     lenses.push_back(lens);
   }

@@ -7,7 +7,9 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "calibrate_effects.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/io/files.hpp"
 #include "plumbline/io/formats.hpp"
 #include "plumbline/refine/start.hpp"
 #include "plumbline/rig/add_views.hpp"
@@ -34,28 +36,68 @@ Prior parse_prior(const std::string& text) {
 
 Result<std::vector<std::string>> lenses_for(const std::string& lens, const std::vector<CameraInfo>& cameras) {
   if (lens.empty()) return std::vector<std::string>{};
-  auto lenses = parse_lenses(lens, cameras);
+  auto lenses = parse_lenses(lens, cameras, true);
   if (lenses && std::find(lenses->begin(), lenses->end(), "auto") != lenses->end())
     usage_error("--lens auto chooses from corners alone; with a start, name the lens or leave --lens away");
   return lenses;
 }
 
+// The option that the user typed and its files, in front of what is wrong with them.
+Error in_option(Error error, const std::string& option, const std::vector<std::string>& files) {
+  std::string named = option;
+  for (const std::string& file : files) named += " " + file;
+  for (const std::string& file : files) {  // which is named already
+    const std::string bare = std::filesystem::path(file).filename().string();
+    for (const std::string& prefix : {file, bare}) {
+      if (error.where == prefix) error.where.clear();
+      if (files.size() == 1 && error.where.starts_with(prefix + ": "))
+        error.where.erase(0, prefix.size() + 2);
+    }
+  }
+  error.where = named + (error.where.empty() ? "" : ": " + error.where);
+  return error;
+}
+
+// Corners given where cameras are wanted.
+std::optional<Error> corners_instead(const std::string& file, const std::string& option) {
+  if (std::filesystem::is_directory(file)) return std::nullopt;
+  const auto text = read_file(file);
+  if (!text || text->find("plumbline_corners:") == std::string::npos) return std::nullopt;
+  return Error{ErrorCode::kInvalidData, "the file holds corners and no camera; give it as --corners " + file,
+               option + file};
+}
+
+Result<Calibration> load_earlier(const std::string& file) {
+  auto earlier = load_calibration(file);
+  if (earlier) {
+    if (!earlier->data.views.empty()) return earlier;
+    return Error{
+        ErrorCode::kInvalidData,
+        "the file holds cameras and no corners; give images or corners, and the file as --start " + file,
+        file};
+  }
+  if (auto error = corners_instead(file, "")) return *error;
+  const bool is_camera = load_rig({file}).has_value();
+  if (!is_camera) return earlier;
+  return Error{ErrorCode::kInvalidData,
+               "a camera file holds no corners; give images or corners, and the file as --start " + file,
+               file};
+}
+
 Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
                              const Common& common) {
-  auto earlier = load_calibration(s.earlier);
+  auto earlier = load_earlier(s.earlier);
   if (!earlier) return earlier.error();
-  if (earlier->data.views.empty())
-    return Error{ErrorCode::kInvalidData,
-                 "the file holds cameras and no corners; give images or corners, and the file as --start",
-                 s.earlier};
   if (s.add) {
     CalibrateInputs with_target = inputs;
     with_target.known_targets = earlier->data.targets;
     auto more = load_observations(with_target, common);
     if (!more) return more.error();
     auto added = add_views(*earlier, *more, s.replace);
-    if (!added) return added.error();
+    if (!added) return in_option(added.error(), s.replace ? "--add --replace to" : "--add to", {s.earlier});
     earlier = *std::move(added);
+  } else if (Status status = add_times(inputs.times, earlier->data); !status) {
+    return status.error();
   }
   const auto lenses = lenses_for(lens, earlier->data.cameras);
   if (!lenses) return lenses.error();
@@ -64,7 +106,7 @@ Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inp
                  .T_board0_board = earlier->T_board0_board,
                  .n_threads = common.n_threads};
   auto start = start_from(earlier->data, earlier->rig, from);
-  if (!start) return start.error();
+  if (!start) return in_option(start.error(), s.add ? "--add to" : "earlier calibration", {s.earlier});
   start->bow_m = earlier->bow_m;
   start->clocks = earlier->clocks;
   return Problem{start->data, *start};
@@ -111,11 +153,19 @@ void check_usage(const CalibrateStart& s, const CalibrateInputs& inputs) {
   }
   if (!s.start.empty()) usage_error("an earlier calibration is the start itself; leave --start away");
   if (s.add && !has_inputs(inputs)) usage_error("--add needs --cam or --corners: what is to be added");
+  if (s.add && !inputs.cams.empty() && inputs.corners.empty() && !inputs.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; images have their own size");
   if (!s.add && (has_inputs(inputs) || !inputs.targets.empty()))
     usage_error(
         "an earlier calibration and new images: --add joins them; to solve the new ones alone, give the "
         "earlier "
         "file as --start");
+  if (!s.add && !inputs.image_size.empty())
+    usage_error("--image-size goes with a .vnl file; an earlier calibration has the size of its images");
+  if (!s.add && !inputs.pair_by.empty())
+    usage_error(
+        "--pair-by goes with --add: an earlier calibration has its frames, and only new images are "
+        "paired");
 }
 
 Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
@@ -124,8 +174,11 @@ Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inp
   auto data = load_observations(inputs, common);
   if (!data) return data.error();
   if (!from_files(s)) return Problem{*std::move(data), std::nullopt};
+  for (const std::string& file : s.start) {
+    if (auto error = corners_instead(file, "--start ")) return *error;
+  }
   auto rig = load_rig(s.start);
-  if (!rig) return rig.error();
+  if (!rig) return in_option(rig.error(), "--start", s.start);
   const auto lenses = lenses_for(lens, data->cameras);
   if (!lenses) return lenses.error();
   auto start = start_from(*data, *rig,
@@ -134,7 +187,7 @@ Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inp
                            .T_rig_board = {},
                            .T_board0_board = {},
                            .n_threads = common.n_threads});
-  if (!start) return start.error();
+  if (!start) return in_option(start.error(), "--start", s.start);
   return Problem{*std::move(data), *std::move(start)};
 }
 

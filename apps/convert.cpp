@@ -48,7 +48,11 @@ Result<int> run(const Options& o, const Common& common) {
     usage_error(fmt::format("--from {}: there are: {}", o.from, format_names()));
   if (Status s = check_output(o.output, common); !s) return s.error();
   auto rig = load_rig(o.inputs, o.from);
-  if (!rig) return rig.error();
+  if (!rig) {
+    Error error = rig.error();
+    if (o.from.empty() && error.code == ErrorCode::kParse) error.message += "; say which it is with --from";
+    return error;
+  }
   WriteOptions options;
   std::optional<StereoRectification> rectification;
   std::string note;

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <numbers>
 #include <set>
 
 #include "io/formats/common.hpp"
@@ -31,10 +30,8 @@ Result<const Format*> format_of(std::span<const NamedBytes> files) {
     const auto format = std::find_if(kFormats.begin(), kFormats.end(),
                                      [&](const Format* f) { return f->recognises(file.bytes); });
     if (format == kFormats.end()) {
-      return Error{
-          ErrorCode::kParse,
-          "not a camera file of a format that is known (" + known_names() + "); say which with --from",
-          file.name};
+      return Error{ErrorCode::kParse, "not a camera file of a format that is known (" + known_names() + ")",
+                   file.name};
     }
     if (found && found != *format) {
       return Error{ErrorCode::kInvalidData,
@@ -80,16 +77,18 @@ Status check_folds(const Format& format, const Rig& rig) {
   if (format.carries_validity) return {};
   for (const Camera& camera : rig.cameras) {
     if (!folds_in_image(camera)) continue;
-    const Validity at = camera.validity ? *camera.validity : validity_of(camera.lens, std::numbers::pi);
+    const Fold fold = fold_of(camera.lens);
+    const Validity at = camera.validity ? *camera.validity : fold.end;
     std::vector<std::string> able;
     for (const Format* f : kFormats) {
       if (f->carries_validity) able.emplace_back(f->name);
     }
     return Error{
         ErrorCode::kUnsupported,
-        fmt::format("lens {} turns back inside the picture and holds up to {:.0f} px from its centre "
-                    "only, which format {} cannot say; {} can",
-                    lens_name(camera.lens), at.radius_px, format.name, join(able, ", ")),
+        fmt::format("lens {} {} inside the picture and holds up to {:.0f} px from its centre only, which "
+                    "format {} cannot say; {} can",
+                    lens_name(camera.lens), fold.is_pole ? "runs off to infinity" : "turns back",
+                    at.radius_px, format.name, join(able, ", ")),
         "camera " + camera.name};
   }
   return {};

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "plumbline/core/check.hpp"
+#include "refine/lens_eligible.hpp"
 #include "refine/lens_trial.hpp"
 #include "refine/seed.hpp"
 
@@ -112,13 +113,31 @@ std::string common_lens(const std::vector<std::vector<LensTry>>& cameras) {
   return best;
 }
 
-Result<std::vector<LensTrial>> try_lenses(const Dataset& mono, const std::vector<std::string>& names,
+// A row without a trial.
+LensTrial left_out(const std::string& camera, const std::string& lens, std::string reason) {
+  LensTrial trial;
+  trial.row.camera = camera;
+  trial.row.lens = lens;
+  if (const auto made = make_lens(lens, ImageSize{640, 480}, 500)) trial.row.n_params = n_params(*made);
+  trial.row.reason = std::move(reason);
+  return trial;
+}
+
+Result<std::vector<LensTrial>> try_lenses(const Dataset& data, int cam, const std::vector<std::string>& names,
                                           const RefineOptions& options) {
+  if (auto error = none_eligible(data, options, cam, names)) return *error;
+  const Dataset mono = mono_data(data, cam).data;
   const LensFitter fitter(mono, options);
   if (!fitter.has_base()) return fitter.error();
   std::vector<LensTrial> trials;
   double least_rms = std::numeric_limits<double>::infinity();
   for (const std::string& name : names) {
+    if (const auto why = ineligible(data, options, cam, name)) {
+      trials.push_back(left_out(mono.cameras[0].name, name,
+                                why->lacks_name ? why->error.where + ": it has no parameter of this name"
+                                                : why->error.where + ": " + why->error.message));
+      continue;
+    }
     trials.push_back(fitter.fit(name));
     if (trials.back().fit) least_rms = std::min(least_rms, trials.back().row.rms_px);
   }
@@ -153,7 +172,7 @@ Result<detail::ChosenLenses> detail::choose_with_fits(const Dataset& data, const
   for (std::size_t cam = 0; cam < data.cameras.size(); ++cam) {
     out.choice.lenses.push_back(options.lenses[options.lenses.size() == 1 ? 0 : cam]);
     if (out.choice.lenses.back() != "auto") continue;
-    auto tried = try_lenses(mono_data(data, static_cast<int>(cam)).data, family(candidates), options);
+    auto tried = try_lenses(data, static_cast<int>(cam), family(candidates), options);
     if (!tried) return tried.error();
     trials.push_back(*std::move(tried));
     rows.push_back(rows_of(trials.back()));
@@ -175,6 +194,7 @@ Result<detail::ChosenLenses> detail::choose_with_fits(const Dataset& data, const
     out.choice.tries.insert(out.choice.tries.end(), rows[n].begin(), rows[n].end());
     ++n;
   }
+  if (auto status = check_choice(data, options, out.choice.lenses); !status) return status.error();
   return out;
 }
 

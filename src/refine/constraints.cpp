@@ -8,110 +8,53 @@
 #include <optional>
 
 #include "plumbline/core/text.hpp"
+#include "refine/parameter_names.hpp"
 
 namespace plumbline::detail {
 namespace {
+
+using Found = ParameterNames::Found;
 
 Error bad(std::string message, std::string where) {
   return {ErrorCode::kInvalidData, std::move(message), std::move(where)};
 }
 
-// "left fx" in its two halves. Owners' names may hold spaces, parameters' do not.
-struct Name {
-  std::string owner, parameter;
-};
-Name halves(const std::string& name) {
-  const std::size_t at = name.rfind(' ');
-  return {name.substr(0, at), name.substr(at + 1)};
-}
-
-bool is_step(const std::string& parameter) { return parameter.size() == 3 && parameter[1] == '_'; }
-bool is_turn(const std::string& parameter) { return is_step(parameter) && parameter[0] == 'r'; }
-bool is_focal(const std::string& parameter) { return parameter == "fx" || parameter == "fy"; }
-bool is_matrix(const std::string& parameter) {
-  return is_focal(parameter) || parameter == "cx" || parameter == "cy";
-}
-
-// Every name that an option may say, with what it stands for.
-class Names {
- public:
-  explicit Names(const Calibration& cal) : all_(shared_parameter_names(cal)) {
-    for (const std::string& name : all_) halves_.push_back(halves(name));
-    for (const Camera& camera : cal.rig.cameras) cameras_.push_back(camera.name);
-  }
-  const std::string& operator[](int i) const { return all_[static_cast<std::size_t>(i)]; }
-  const std::string& parameter(int i) const { return halves_[static_cast<std::size_t>(i)].parameter; }
-  int size() const { return static_cast<int>(all_.size()); }
-
-  Result<std::vector<int>> find(const std::string& wanted, const std::string& where) const {
-    // The full name, a parameter of all cameras, a group of all, a camera's lens, a group of one camera.
-    auto found = where_is([&](const Name& name, const std::string& all) {
-      return all == wanted || name.owner + "." + name.parameter == wanted;
-    });
-    if (found.empty())
-      found = where_is([&](const Name& name, const auto&) { return name.parameter == wanted; });
-    if (found.empty())
-      found = where_is([&](const Name& name, const auto&) { return in_group(name, wanted); });
-    if (found.empty())
-      found = where_is(
-          [&](const Name& name, const auto&) { return name.owner == wanted && !is_step(name.parameter); });
-    if (found.empty()) {
-      const std::size_t cut = wanted.find_last_of(". ");
-      if (cut != std::string::npos) {
-        const std::string owner = wanted.substr(0, cut), group = wanted.substr(cut + 1);
-        found = where_is([&](const Name& name, const auto&) {
-          return name.owner == owner && group != "rig" && in_group(name, group);
-        });
-      }
-    }
-    if (!found.empty()) return found;
-    // A spline's parameters are too many for a message.
-    const bool many = all_.size() > 200;
-    const std::vector<std::string> some(
-        all_.begin(), all_.begin() + static_cast<long>(std::min<std::size_t>(all_.size(), 200)));
-    return bad("no shared parameter has this name; there are: " + join(some, ", ") + (many ? ", ..." : "") +
-                   "; without the camera a name means all cameras; groups: lens, K, pose, rig, CAMERA, "
-                   "CAMERA.K, CAMERA.pose",
-               where);
-  }
-
- private:
-  template <class Wanted>
-  std::vector<int> where_is(Wanted&& wanted) const {
-    std::vector<int> list;
-    for (int i = 0; i < size(); ++i) {
-      if (wanted(halves_[static_cast<std::size_t>(i)], all_[static_cast<std::size_t>(i)])) list.push_back(i);
-    }
-    return list;
-  }
-  bool in_group(const Name& name, const std::string& group) const {
-    const bool step = is_step(name.parameter);
-    if (group == "lens") return !step;
-    if (group == "K") return is_matrix(name.parameter);
-    if (group == "pose") return step;
-    return group == "rig" && step &&
-           std::find(cameras_.begin(), cameras_.end(), name.owner) != cameras_.end();
-  }
-  std::vector<std::string> all_, cameras_;
-  std::vector<Name> halves_;
-};
-
-std::optional<Error> check_value(const Names& names, int i, double value, const std::string& where) {
-  if (!is_focal(names.parameter(i)) || value > 0) return std::nullopt;
+std::optional<Error> check_value(const ParameterNames& names, int i, double value, const std::string& where) {
+  if (!names.is_focal(i) || value > 0) return std::nullopt;
   return bad(fmt::format("{} is not a focal length; it must be positive", value), where);
 }
 
-Status add_fixed(Constraints& c, const Names& names, const std::string& text) {
+// One number says what one parameter is. For several only zero does: what a term is that is not there.
+std::optional<Error> check_holder(const ParameterNames& names, const Found& found,
+                                  const std::string& value_text, const std::string& name,
+                                  const std::string& where) {
+  if (found.is_group)
+    return bad(fmt::format("{} is a group of {} parameters, which have no common value; hold it without a "
+                           "value, or give each its own: {}",
+                           name, found.at.size(), names.list(found.at, "=...")),
+               where);
+  if (found.at.size() == 1 || parse_double(value_text) == 0.0) return std::nullopt;
+  return bad(
+      fmt::format("{} cameras or boards have a parameter {}, and only 0 can be meant for all; say which "
+                  "has this value: {}",
+                  found.at.size(), name, names.list(found.at, "=" + value_text)),
+      where);
+}
+
+Status add_fixed(Constraints& c, const ParameterNames& names, const std::string& text) {
   const std::string where = "fixed parameter '" + text + "'";
   const std::size_t equals = text.find('=');
-  const auto which = names.find(std::string(trim(text.substr(0, equals))), where);
-  if (!which) return which.error();
+  const std::string name(trim(text.substr(0, equals)));
+  const auto found = names.find(name, where);
+  if (!found) return found.error();
   std::optional<double> value;
   if (equals != std::string::npos) {
-    value = parse_double(trim(text.substr(equals + 1)));
+    const std::string value_text(trim(text.substr(equals + 1)));
+    value = parse_double(value_text);
     if (!value) return bad("what follows '=' is not a number", where);
+    if (auto error = check_holder(names, *found, value_text, name, where)) return *error;
   }
-  for (int i : *which) {
+  for (int i : found->at) {
     c.held[static_cast<std::size_t>(i)] = true;
     if (!value) continue;
     if (auto error = check_value(names, i, *value, where)) return *error;
@@ -124,7 +67,7 @@ Status add_fixed(Constraints& c, const Names& names, const std::string& text) {
   return {};
 }
 
-Status add_tie(Constraints& c, const Names& names, const std::string& text) {
+Status add_tie(Constraints& c, const ParameterNames& names, const std::string& text) {
   const std::string where = "tie '" + text + "'";
   const auto sides = split(text, '=');
   if (sides.size() != 2) return bad("a tie is NAME=NAME, such as fx=fy", where);
@@ -132,16 +75,20 @@ Status add_tie(Constraints& c, const Names& names, const std::string& text) {
   if (!a) return a.error();
   const auto b = names.find(std::string(trim(sides[1])), where);
   if (!b) return b.error();
-  if (a->size() != b->size())
-    return bad(fmt::format("{} parameters on the left, {} on the right; they are tied one by one", a->size(),
-                           b->size()),
+  if (a->at.size() != b->at.size())
+    return bad(fmt::format("{} parameters on the left, {} on the right; they are tied one by one",
+                           a->at.size(), b->at.size()),
                where);
-  for (std::size_t k = 0; k < a->size(); ++k) {
-    const int i = (*a)[k], j = (*b)[k];
+  for (std::size_t k = 0; k < a->at.size(); ++k) {
+    const int i = a->at[k], j = b->at[k];
     if (i == j) return bad("it ties " + names[i] + " to itself", where);
-    if (is_step(names.parameter(i)) != is_step(names.parameter(j)))
+    if (a->is_group && names.parameter(i) != names.parameter(j))
+      return bad(
+          fmt::format("it ties {} to {}; only lenses of one kind are tied as a whole", names[i], names[j]),
+          where);
+    if (names.is_step(i) != names.is_step(j))
       return bad("a lens' parameter cannot be tied to a pose's", where);
-    if (is_turn(names.parameter(i)) || is_turn(names.parameter(j)))
+    if (names.is_turn(i) || names.is_turn(j))
       return bad("rotations cannot be tied, they do not add; hold them with fixed", where);
     const int keep = std::min(c.tied_to[i], c.tied_to[j]), go = std::max(c.tied_to[i], c.tied_to[j]);
     std::replace(c.tied_to.begin(), c.tied_to.end(), go, keep);
@@ -149,14 +96,19 @@ Status add_tie(Constraints& c, const Names& names, const std::string& text) {
   return {};
 }
 
-Status add_prior(Constraints& c, const Names& names, const Prior& prior) {
+Status add_prior(Constraints& c, const ParameterNames& names, const Prior& prior) {
   const std::string where = "prior of '" + prior.parameter + "'";
-  const auto which = names.find(prior.parameter, where);
-  if (!which) return which.error();
+  const auto found = names.find(prior.parameter, where);
+  if (!found) return found.error();
+  if (found->is_group)
+    return bad(fmt::format("{} is a group of {} parameters, which have no common value; give each its own "
+                           "prior: {}",
+                           prior.parameter, found->at.size(), names.list(found->at)),
+               where);
   if (!std::isfinite(prior.value) || !std::isfinite(prior.sigma) || !(prior.sigma > 0))
     return bad(fmt::format("{} +- {}: a prior needs a value and a sigma above 0", prior.value, prior.sigma),
                where);
-  for (int i : *which) {
+  for (int i : found->at) {
     if (auto error = check_value(names, i, prior.value, where)) return *error;
     c.priors.push_back({i, prior.value, prior.sigma});
   }
@@ -164,7 +116,7 @@ Status add_prior(Constraints& c, const Names& names, const Prior& prior) {
 }
 
 // All that is tied to something held is held as well; held values of one group must agree.
-Status spread_holds(Constraints& c, const Names& names) {
+Status spread_holds(Constraints& c, const ParameterNames& names) {
   const int n = names.size();
   for (int i = 0; i < n; ++i) {
     if (!c.held[i]) continue;
@@ -252,7 +204,7 @@ bool Constraints::any() const {
 }
 
 Result<Constraints> constraints_of(const Calibration& cal, const RefineOptions& options) {
-  const Names names(cal);
+  const ParameterNames names(cal);
   Constraints c;
   c.held.assign(static_cast<std::size_t>(names.size()), false);
   for (int i = 0; i < names.size(); ++i) c.tied_to.push_back(i);

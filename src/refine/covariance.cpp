@@ -136,12 +136,15 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   if (!has_clocks(cal)) for_each_pose_free_frame(cal, spec, add);
   const Reduction reduction = reduction_of(spec, offsets.total);
   result.n_free = reduction.n_free + 6 * n_frames;
-  const int n_known = result.n_residuals + static_cast<int>(spec.priors.size());
-  result.variance = n_known > result.n_free ? sum / (n_known - result.n_free) / spec.variance_kept : 0.0;
+  const PriorRows priors = prior_rows(cal, spec);
+  const PriorScatter scatter = scatter_of(priors, reduction);
+  const int n_known = result.n_residuals + scatter.n;
+  // Marking outliers takes its share of the corners' residuals only.
+  if (n_known > result.n_free)
+    result.variance = (sum / spec.variance_kept + scatter.sum) / (n_known - result.n_free);
   result.unit_covariance = MatX::Zero(offsets.total, offsets.total);
   if (reduction.n_free == 0) return result;
-  const MatX J_prior = prior_rows(cal, spec).J;
-  S.noalias() += J_prior.transpose() * J_prior;
+  S.noalias() += priors.J.transpose() * priors.J;
   // The step of the shared parameters is E times that of the free numbers.
   MatX E = MatX::Zero(offsets.total, reduction.n_free);
   for (int i = 0; i < offsets.total; ++i) {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 
+#include "plumbline/lens/range.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
 
@@ -210,6 +211,9 @@ LensTrial LensFitter::fit(const std::string& name) const {
   trial.row.rms_px = camera_rms_px(*trial.fit, 0);
   if (lost > 0) {
     trial.row.reason = fmt::format("{} of the corners lie outside its domain", lost);
+    trial.fit.reset();
+  } else if (const std::string why = out_of_range(trial.fit->rig.cameras[0].lens); !why.empty()) {
+    trial.row.reason = why;
     trial.fit.reset();
   }
   return trial;

@@ -75,21 +75,25 @@ struct Constrained {
 };
 
 // The fit with two terms of distortion: a rational lens with a pole beside its corners cannot leave it by
-// small steps.
-Calibration simpler_fit(const Calibration& free, const SolveSpec& spec, int cam) {
-  Calibration cal = free;
+// small steps, and a guard whose samples lie on both sides of a pole does not see it. From the two terms as
+// they are, or, where those mean nothing without the denominator, from none.
+std::optional<Calibration> simpler_fit(const Calibration& free, const SolveSpec& spec, int cam) {
   SolveSpec held = spec;
-  const Offsets offsets = offsets_of(cal);
+  const Offsets offsets = offsets_of(free);
+  const int first = offsets.lens[cam];
   held.held.resize(static_cast<std::size_t>(offsets.total), false);
   held.tight = false;
-  const auto k = params(cal.rig.cameras[cam].lens);
-  for (std::size_t i = 6; i < k.size(); ++i) {
-    auto&& is_held = held.held[static_cast<std::size_t>(offsets.lens[cam]) + i];
-    if (!is_held) k[i] = 0;
-    is_held = true;
+  for (const std::size_t kept : {6, 4}) {
+    Calibration cal = free;
+    const auto k = params(cal.rig.cameras[cam].lens);
+    for (std::size_t i = kept; i < k.size(); ++i) {
+      const bool stays = !spec.held.empty() && spec.held[static_cast<std::size_t>(first) + i];
+      if (!stays) k[i] = 0;
+      held.held[static_cast<std::size_t>(first) + i] = stays || i >= 6;
+    }
+    if (solve(cal, held).usable) return cal;
   }
-  const Calibration start = cal;
-  return solve(cal, held).usable ? cal : start;
+  return std::nullopt;
 }
 
 std::optional<Constrained> constrained_fit(const Calibration& free, const SolveSpec& spec, int cam,
@@ -99,9 +103,10 @@ std::optional<Constrained> constrained_fit(const Calibration& free, const SolveS
   for (std::size_t i = 0; i < spec.tied_to.size(); ++i) has_ties |= spec.tied_to[i] != static_cast<int>(i);
   for (const bool simple : {false, true}) {
     if (simple && has_ties) break;
-    const Calibration start = simple ? simpler_fit(free, spec, cam) : free;
+    const std::optional<Calibration> start = simple ? simpler_fit(free, spec, cam) : free;
+    if (!start) break;
     for (double stretch : {1.0, 1.6, 2.6}) {
-      Constrained trial{start, {}, guard_of(start.rig.cameras[cam], cam, data_rad, stretch)};
+      Constrained trial{*start, {}, guard_of(start->rig.cameras[cam], cam, data_rad, stretch)};
       SolveSpec guarded = spec;
       guarded.guards.push_back(trial.guard);
       trial.report = solve(trial.calibration, guarded);
@@ -113,14 +118,18 @@ std::optional<Constrained> constrained_fit(const Calibration& free, const SolveS
 }
 
 // Of one residual coordinate.
-double variance_of(const Calibration& cal, const SolveReport& report) {
-  int n = 0, n_free = offsets_of(cal).total;
+double variance_of(const Calibration& cal, const SolveSpec& spec, const SolveReport& report) {
+  const Reduction reduction = reduction_of(spec, offsets_of(cal).total);
+  const PriorRows priors = prior_rows(cal, spec);
+  const PriorScatter scatter = scatter_of(priors, reduction);
+  int n = scatter.n, n_free = reduction.n_free;
   for (std::size_t v = 0; v < cal.fits.size(); ++v) {
     if (!takes_part(cal, v)) continue;
     for (const CornerFit& fit : cal.fits[v]) n += fit.outlier ? 0 : 2;
   }
   for (const auto& T : cal.T_rig_board) n_free += T ? 6 : 0;
-  return 2 * report.cost / std::max(1, n - n_free);
+  const double constant = priors.r.squaredNorm() - scatter.sum;  // in the cost
+  return (2 * report.cost - constant) / std::max(1, n - n_free);
 }
 
 VecX lens_step(const Calibration& from, const Calibration& to, int cam) {
@@ -131,12 +140,24 @@ VecX lens_step(const Calibration& from, const Calibration& to, int cam) {
 }
 
 std::string what_turns(const Camera& camera, double data_rad) {
-  const Validity turn = validity_of(camera.lens, kPi), data = validity_of(camera.lens, data_rad);
+  const Fold fold = fold_of(camera.lens);
+  const Validity data = validity_of(camera.lens, data_rad);
   return fmt::format(
       "no corner of camera {} lies more than {:.1f} degrees ({:.0f} px) from its axis, and lens {} fitted to "
-      "them turns back at {:.1f} degrees ({:.0f} px), inside the picture",
-      camera.name, data_rad * kDegPerRad, data.radius_px, lens_name(camera.lens), turn.angle_rad * kDegPerRad,
-      turn.radius_px);
+      "them {} at {:.1f} degrees ({:.0f} px), inside the picture",
+      camera.name, data_rad * kDegPerRad, data.radius_px, lens_name(camera.lens),
+      fold.is_pole ? "runs off to infinity (its denominator has a pole)" : "turns back",
+      fold.end.angle_rad * kDegPerRad, fold.end.radius_px);
+}
+
+std::string why_not_held(bool has_clocks, const std::optional<Constrained>& trial, double chi_squared) {
+  if (has_clocks) return "a constrained fit is not tried together with line delays and time offsets";
+  if (!trial) return "no map that rises over the whole picture was found";
+  if (!trial->report.converged)
+    return fmt::format("the fit of a map that rises over the whole picture did not arrive in {} iterations",
+                       trial->report.iterations);
+  return fmt::format("a map that rises over the whole picture contradicts the corners (chi-squared {:.3g})",
+                     chi_squared);
 }
 
 bool is_wholly_held(const Calibration& cal, const SolveSpec& spec, int cam) {
@@ -165,9 +186,11 @@ std::vector<MonotonicNote> keep_monotonic(Calibration& cal, const SolveSpec& spe
     MonotonicNote note{cam, false, VecX::Zero(n_params(camera.lens)), what_turns(camera, data_rad)};
     // The solver of recordings knows no guards.
     auto trial = has_clocks(cal) ? std::nullopt : constrained_fit(cal, guarded, cam, data_rad);
-    const double variance = variance_of(cal, report);
+    // The cost of a fit that stopped on its way says nothing of what the corners contradict.
+    const bool arrived = trial && trial->report.converged;
+    const double variance = variance_of(cal, spec, report);
     const double chi_squared =
-        trial && variance > 0 ? 2 * (trial->report.cost - report.cost) / variance : INFINITY;
+        arrived && variance > 0 ? 2 * (trial->report.cost - report.cost) / variance : INFINITY;
     if (trial) note.moved = lens_step(cal, trial->calibration, cam);
     if (chi_squared <= kMostChiSquared) {
       note.held = true;
@@ -182,16 +205,13 @@ std::vector<MonotonicNote> keep_monotonic(Calibration& cal, const SolveSpec& spe
       report.converged = trial->report.converged;
       cal = std::move(trial->calibration);
     } else {
-      camera.validity = validity_of(camera.lens, kMargin * data_rad);
+      const double turn_rad = std::max(data_rad, fold_of(camera.lens).end.angle_rad);
+      camera.validity = validity_of(camera.lens, std::min(kMargin * data_rad, turn_rad));
       note.consequence += fmt::format(
           "; {}: the calibration holds up to {:.1f} degrees ({:.0f} px), and later steps leave out what lies "
           "beyond; {}",
-          trial ? fmt::format("a map that rises over the whole picture contradicts the corners (chi-squared "
-                              "{:.3g})",
-                              chi_squared)
-          : has_clocks(cal) ? "a constrained fit is not tried together with line delays and time offsets"
-                            : "no map that rises over the whole picture was found",
-          camera.validity->angle_rad * kDegPerRad, camera.validity->radius_px, kNextStep);
+          why_not_held(has_clocks(cal), trial, chi_squared), camera.validity->angle_rad * kDegPerRad,
+          camera.validity->radius_px, kNextStep);
     }
     notes.push_back(std::move(note));
   }

@@ -17,10 +17,11 @@ struct MonotonicNote {
 };
 
 /// Looks whether the radial map of each lens rises over the whole image. Where it turns back inside the
-/// picture, the corners are fitted once more with the constraint that it rises. That fit is taken when the
-/// corners do not contradict it (twice the difference of the costs, over the variance of a residual, is at
-/// most 16: four sigma). Otherwise the free fit stays, and the camera's validity ends 5 % (of the angle)
-/// beyond the outermost corner used, or at the turn if that is nearer. \param report  of the solve, brought
+/// picture, or runs off to infinity (folds_in_image()), the corners are fitted once more with the constraint
+/// that it rises. That fit is taken when it arrived at its optimum within the iterations and the corners do
+/// not contradict it (twice the difference of the costs, over the variance of a residual, is at most 16: four
+/// sigma). Otherwise the free fit stays, and the camera's validity ends 5 % (of the angle) beyond the
+/// outermost corner used, or at the turn (fold_of()) if that is nearer. \param report  of the solve, brought
 /// up to date
 std::vector<MonotonicNote> keep_monotonic(Calibration& calibration, const SolveSpec& spec,
                                           SolveReport& report);

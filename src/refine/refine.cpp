@@ -14,8 +14,8 @@
 #include "refine/lens_trial.hpp"
 #include "refine/monotonic.hpp"
 #include "refine/outliers.hpp"
+#include "refine/preconditions.hpp"
 #include "refine/recording.hpp"
-#include "refine/rig_graph.hpp"
 #include "refine/seed.hpp"
 #include "refine/solve.hpp"
 #include "refine/suspects.hpp"
@@ -28,19 +28,6 @@ namespace {
 using namespace detail;
 
 constexpr int kMarkingRounds = 5;
-constexpr std::size_t kLeastCorners = 4;  // a pose has six unknowns, a planar one needs four points
-
-Status check_options(const RefineOptions& options) {
-  const auto bad = [](std::string message) {
-    return Error{ErrorCode::kInvalidData, std::move(message), "options"};
-  };
-  if (!(options.loss_scale_px > 0))
-    return bad(fmt::format("loss scale {} px is not positive", options.loss_scale_px));
-  if (!(options.outlier_sigma > 0))
-    return bad(fmt::format("outlier sigma {} is not positive", options.outlier_sigma));
-  if (options.max_iterations < 1) return bad(fmt::format("{} iterations", options.max_iterations));
-  return {};
-}
 
 const char* name_of(Loss loss) {
   return loss == Loss::kSquared ? "squared" : loss == Loss::kHuber ? "huber" : "cauchy";
@@ -95,44 +82,6 @@ void fill_provenance(Calibration& cal, const RefineOptions& options) {
   }
   o["max_iterations"] = std::to_string(options.max_iterations);
   cal.provenance.corners_hash = corners_hash(cal.data);
-}
-
-// Why a view that has corners cannot take part, or nothing.
-void refuse_small_views(Calibration& cal) {
-  const std::size_t least = kLeastCorners;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    const View& view = cal.data.views[v];
-    if (view.corners.empty()) {
-      cal.fits[v].clear();
-      cal.view_reason[v] = view.reason.empty() ? "no corners" : view.reason;
-    } else if (view.corners.size() < least) {
-      cal.fits[v].clear();
-      cal.view_reason[v] = fmt::format("{} corners, at least {} are needed", view.corners.size(), least);
-    } else if (!cal.T_rig_board[view.frame]) {
-      cal.fits[v].clear();
-      if (cal.view_reason[v].empty()) cal.view_reason[v] = "its frame has no board pose";
-    }
-  }
-}
-
-// First corner that takes part and does not project.
-std::optional<Error> unprojectable(const Calibration& cal) {
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    if (!takes_part(cal, v)) continue;
-    const View& view = cal.data.views[v];
-    for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      if (!cal.fits[v][i].outlier) continue;
-      const Camera& camera = cal.rig.cameras[view.cam];
-      return Error{
-          ErrorCode::kNotConverged,
-          fmt::format(
-              "point {} lies outside the domain of lens {} at the start; leave outlier marking on, or "
-              "choose a lens for a wider view",
-              view.corners[i].point, lens_name(camera.lens)),
-          fmt::format("camera {}, view {}", camera.name, view.image)};
-    }
-  }
-  return std::nullopt;
 }
 
 // A solve under a robust loss that bad corners do not bend, so that the marks of the first round can be
@@ -193,32 +142,6 @@ Result<SolveReport> solve_and_mark(Calibration& cal, const RefineOptions& option
   return report;
 }
 
-Status enough_views(const Calibration& cal, const Constraints& constraints);
-
-// What a start got wrong, or the marking of outliers, can leave cameras without views, or without a frame
-// that joins them to the others: then their numbers mean nothing.
-Status still_together(const Calibration& cal, const Constraints& constraints) {
-  if (auto status = enough_views(cal, constraints); !status) return status;
-  std::vector<Sight> sights;
-  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    const View& view = cal.data.views[v];
-    if (takes_part(cal, v)) sights.push_back({view.cam, view.frame, view.target});
-  }
-  const int n_cams = static_cast<int>(cal.rig.cameras.size());
-  const RigGroups groups = rig_groups(n_cams, static_cast<int>(cal.data.targets.size()), sights, true);
-  const Offsets offsets = offsets_of(cal);
-  for (int cam = 1; cam < n_cams; ++cam) {
-    bool known = true;  // where it stands is held, or a prior says it
-    for (int i = offsets.pose[cam]; i < offsets.pose[cam] + 6; ++i) {
-      known =
-          known && (constraints.held[i] || std::any_of(constraints.priors.begin(), constraints.priors.end(),
-                                                       [&](const PriorTerm& p) { return p.index == i; }));
-    }
-    if (!known && groups.of_cam[cam] != groups.of_cam[0]) return gap_error(cal.data, sights, groups, "");
-  }
-  return {};
-}
-
 Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constraints constraints,
                            bool from_seed) {
   constraints.held = hold_loose_boards(cal, std::move(constraints.held));
@@ -273,45 +196,6 @@ Result<Calibration> finish_with_effects(Calibration start, const RefineOptions& 
   return choose_effects(start, *std::move(plain), options, solve_all);
 }
 
-// A view of a flat board says two things of fx, fy, cx and cy (Zhang 2000), so fewer views serve where some
-// of them are known.
-int needed_flat_views(const Calibration& cal, std::size_t cam, const Constraints& c) {
-  const int first = offsets_of(cal).lens[cam];
-  int n_free = 0;
-  for (int i = first; i < first + 4; ++i) {
-    const bool has_prior =
-        std::any_of(c.priors.begin(), c.priors.end(), [&](const PriorTerm& p) { return p.index == i; });
-    n_free += !c.held[i] && c.tied_to[i] == i && !has_prior;
-  }
-  return n_free == 4 ? 3 : std::max(1, (n_free + 1) / 2);
-}
-
-// Enough views to constrain a lens? Planar: three (Zhang 2000); points in space: one.
-Status enough_views(const Calibration& cal, const Constraints& constraints) {
-  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
-    const bool some_planar = std::any_of(cal.data.targets.begin(), cal.data.targets.end(),
-                                         [](const Target& target) { return target.is_planar; });
-    int n = 0, needed = some_planar ? needed_flat_views(cal, cam, constraints) : 1;
-    for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-      const View& view = cal.data.views[v];
-      if (view.cam != static_cast<int>(cam) || view.corners.size() < kLeastCorners ||
-          !cal.view_reason[v].empty())
-        continue;
-      ++n;
-      if (!cal.data.targets[view.target].is_planar) needed = 1;
-    }
-    if (n >= needed) continue;
-    return Error{
-        ErrorCode::kDegenerate,
-        fmt::format(
-            "{} usable view{} of the board, at least {} are needed; add images that show the board tilted "
-            "in several directions",
-            n, n == 1 ? "" : "s", needed),
-        "camera " + cal.rig.cameras[cam].name};
-  }
-  return {};
-}
-
 Status check_lens_count(const Dataset& data, const std::vector<std::string>& names) {
   if (names.size() == 1 || names.size() == data.cameras.size()) return {};
   return Error{ErrorCode::kInvalidData,
@@ -340,32 +224,6 @@ void add_lean(Calibration& cal, std::vector<WeakDirection> lean) {
     weak.sigma = std::sqrt((*cal.covariance)(i, i));
   }
   cal.stats.weak.insert(cal.stats.weak.begin(), lean.begin(), lean.end());
-}
-
-// Where a camera stands is not known before the solve, so holding it needs a start or values.
-Status check_held_without_start(const Calibration& empty, const Constraints& constraints,
-                                const RefineOptions& options) {
-  const char* next = "give a start (--start FILE, or an earlier calibration)";
-  if (!options.only.empty())
-    return Error{ErrorCode::kInvalidData,
-                 std::string("the other cameras cannot be held without numbers for them; ") + next,
-                 "only '" + options.only[0] + "'"};
-  const std::vector<std::string> names = shared_parameter_names(empty);
-  for (int at : offsets_of(empty).pose) {
-    if (at < 0) continue;
-    int n_held = 0, n_given = 0;
-    for (int i = at; i < at + 6; ++i) {
-      n_held += constraints.held[i];
-      n_given += std::any_of(constraints.values.begin(), constraints.values.end(), [&](const auto& v) {
-        return constraints.tied_to[v.first] == constraints.tied_to[i];
-      });
-    }
-    if (n_held == 6 && n_given == 0)
-      return Error{ErrorCode::kInvalidData,
-                   std::string("a whole pose cannot be held without numbers for it; ") + next,
-                   "fixed parameter '" + names[at] + "'"};
-  }
-  return {};
 }
 
 // \param fits  of each camera alone, which then need no seed; may be empty

@@ -101,4 +101,17 @@ PriorRows prior_rows(const Calibration& cal, const SolveSpec& spec) {
   return rows;
 }
 
+PriorScatter scatter_of(const PriorRows& priors, const Reduction& reduction) {
+  PriorScatter scatter;
+  for (Eigen::Index k = 0; k < priors.r.size(); ++k) {
+    bool moves = false;
+    for (Eigen::Index i = 0; i < priors.J.cols(); ++i)
+      moves = moves || (priors.J(k, i) != 0 && reduction.column[static_cast<std::size_t>(i)] >= 0);
+    if (!moves) continue;
+    ++scatter.n;
+    scatter.sum += priors.r[k] * priors.r[k];
+  }
+  return scatter;
+}
+
 }  // namespace plumbline::detail

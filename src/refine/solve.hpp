@@ -108,6 +108,14 @@ struct PriorRows {
 };
 PriorRows prior_rows(const Calibration& calibration, const SolveSpec& spec);
 
+/// What the priors say of the scatter: how many there are of something that is free, and the sum of their
+/// squared residuals. A prior of what is held is a constant, and no measurement of anything estimated.
+struct PriorScatter {
+  int n = 0;
+  double sum = 0;
+};
+PriorScatter scatter_of(const PriorRows& priors, const Reduction& reduction);
+
 /// Residuals of all corners of all views that take part. A corner that the lens does not project is marked as
 /// an outlier, with a zero residual; their number is returned.
 int evaluate(Calibration& calibration);
@@ -122,8 +130,9 @@ struct SharedCovariance {
   MatX unit_covariance;
   VecX
       null_direction;  ///< the least determined of those directions, unit length, scaled parameters; or empty
-  double variance = 0;  ///< of one residual coordinate, sum r'^2 / (residuals + priors - free
-                        ///< parameters) / variance_kept
+  /// Of one residual coordinate: (sum r'^2 / variance_kept + sum p^2) / (residuals + priors - free
+  /// parameters), p the priors' residuals (prior_rows()). Priors of held parameters count in neither.
+  double variance = 0;
   int n_residuals = 0, n_free = 0;
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);

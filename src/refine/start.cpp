@@ -26,7 +26,8 @@ Result<std::vector<int>> match(const Dataset& data, const Rig& rig) {
       std::vector<std::string> names;
       for (const Camera& camera : rig.cameras) names.push_back(camera.name);
       return Error{ErrorCode::kInvalidData,
-                   "the start has no camera of this name; it has: " + join(names, ", "),
+                   "the start has no camera of this name; it has: " + join(names, ", ") +
+                       "; name the cameras of the images like these",
                    "camera " + info.name};
     }
     const ImageSize size = rig.cameras[*at].size;
@@ -50,11 +51,12 @@ Result<std::vector<Lens>> lenses_of(const Dataset& data, const Rig& rig, const s
   std::vector<Lens> lenses;
   for (std::size_t i = 0; i < matches.size(); ++i) {
     const Lens& lens = rig.cameras[matches[i]].lens;
-    if (names.empty()) {
+    const std::string wanted = names.empty() ? "" : names[names.size() == 1 ? 0 : i];
+    if (wanted.empty()) {
       lenses.push_back(lens);
       continue;
     }
-    auto converted = convert_lens(lens, names[names.size() == 1 ? 0 : i], data.cameras[i].size);
+    auto converted = convert_lens(lens, wanted, data.cameras[i].size);
     if (!converted) return converted.error();
     lenses.push_back(*converted);
   }

@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -25,7 +27,8 @@ Result<std::vector<int>> match_cameras(const Dataset& old, const Dataset& more) 
     if (at == old.cameras.end()) {
       std::vector<std::string> names;
       for (const CameraInfo& other : old.cameras) names.push_back(other.name);
-      return bad("the earlier calibration has no camera of this name; it has: " + join(names, ", "),
+      return bad("the earlier calibration has no camera of this name; it has: " + join(names, ", ") +
+                     "; give the new images one of these names",
                  "camera " + info.name);
     }
     if (!(at->size == info.size))
@@ -46,7 +49,9 @@ Result<std::vector<int>> match_targets(const Dataset& old, const Dataset& more) 
     if (at == old.targets.end()) {
       std::vector<std::string> names;
       for (const Target& other : old.targets) names.push_back(other.name);
-      return bad(fmt::format("the earlier views show {}, the new ones {}", join(names, ", "), target.name),
+      return bad(fmt::format("the earlier views show {}, the new ones {}; the board must be the same, to its "
+                             "measures",
+                             join(names, ", "), target.name),
                  "target");
     }
     matches.push_back(static_cast<int>(at - old.targets.begin()));
@@ -60,6 +65,39 @@ std::string free_name(const std::vector<std::string>& taken, const std::string& 
   for (int n = 2; std::find(taken.begin(), taken.end(), name) != taken.end(); ++n)
     name = fmt::format("{} ({})", wanted, n);
   return name;
+}
+
+std::string seconds(double t) { return fmt::format("{:.6f} s", t); }
+
+// What brings the times of the new views to the axis of the old ones. Each recording counts from a zero of
+// its own: where images take the place of old ones, both are of one recording and those say how the zeros
+// differ; otherwise the new ones begin so long after the old ones that no motion leads from these to those.
+// Whole seconds, so that differences keep their digits. \param replaced  the old time and the new one of each
+// image that takes the place of another
+Result<double> time_shift_s(const Dataset& old, const Dataset& more,
+                            const std::vector<std::pair<const View*, double>>& replaced) {
+  constexpr double kPause_s = 10, kSame_s = 1e-6;
+  if (!replaced.empty()) {
+    const auto& [first, first_old_s] = replaced.front();
+    const double shift_s = first_old_s - *first->time_s;
+    for (const auto& [view, old_s] : replaced) {
+      if (std::abs(old_s - *view->time_s - shift_s) <= kSame_s) continue;
+      return bad(
+          fmt::format("it was taken {} after {} by the earlier times and {} by the new ones; give the "
+                      "times of the same recording",
+                      seconds(old_s - first_old_s), first->image, seconds(*view->time_s - *first->time_s)),
+          "image " + view->image);
+    }
+    return shift_s;
+  }
+  std::optional<double> end_s, start_s;
+  for (const View& view : old.views) {
+    if (view.time_s) end_s = std::max(end_s.value_or(*view.time_s), *view.time_s);
+  }
+  for (const View& view : more.views) {
+    if (view.time_s) start_s = std::min(start_s.value_or(*view.time_s), *view.time_s);
+  }
+  return end_s && start_s ? std::ceil(*end_s) + kPause_s - std::floor(*start_s) : 0.0;
 }
 
 }  // namespace
@@ -80,11 +118,13 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
 
   std::vector<int> frame_of(more.frames.size(), -1);
   std::set<std::string> there;
+  std::vector<std::pair<const View*, double>> replaced;
   for (const View& view : more.views) {
     const int cam = (*cameras)[view.cam];
     std::erase_if(cal.data.views, [&](const View& other) {
       if (other.cam != cam || other.image != view.image) return false;
       there.insert(view.image);
+      if (view.time_s && other.time_s) replaced.emplace_back(&view, *other.time_s);
       frame_of[view.frame] = other.frame;
       cal.T_rig_board[other.frame].reset();
       return true;
@@ -94,10 +134,14 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
     std::vector<std::string> named(there.begin(), there.end());
     if (named.size() > 5) named.resize(5);
     return bad(
-        fmt::format("{} of the new images are there already ({}{}); leave them away, or have them replaced",
-                    there.size(), join(named, ", "), there.size() > named.size() ? ", ..." : ""),
+        fmt::format(
+            "{} of the new images are there already ({}{}); leave them away, or have them take the place of "
+            "the old ones (--replace)",
+            there.size(), join(named, ", "), there.size() > named.size() ? ", ..." : ""),
         "views");
   }
+  const auto shift_s = time_shift_s(old.data, more, replaced);
+  if (!shift_s) return shift_s.error();
   for (View view : more.views) {
     int& frame = frame_of[view.frame];
     if (frame < 0) {
@@ -105,6 +149,7 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
       cal.data.frames.push_back(free_name(cal.data.frames, more.frames[view.frame]));
       cal.T_rig_board.emplace_back();
     }
+    if (view.time_s) *view.time_s += *shift_s;
     view.cam = (*cameras)[view.cam];
     view.frame = frame;
     view.target = (*targets)[view.target];

@@ -28,18 +28,52 @@ bool within(const Vec3& p_cam, const Validity& validity) {
 
 bool reached(const Lens& lens, const Vec2& px) { return unproject(lens, px).has_value(); }
 
-// Some pixel of the border has no ray.
-bool ends_in_image(const Camera& camera) {
+// Whether a lens ends at a pole: its image runs off to infinity there, by 1 / (what is left to the end), so
+// that each tenth of the way adds ten times as much; one that turns back comes to rest.
+bool ends_at_pole(const Lens& lens, double end_rad) {
+  constexpr double kLeast_px = 0.1;  // above the rounding of so small a denominator
+  const Vec2 centre(params(lens)[2], params(lens)[3]);
+  const auto radius_before = [&](double share) {
+    double most = 0;
+    for (int direction = 0; direction < kDirections; ++direction) {
+      const auto px = project(lens, ray_at(end_rad * (1 - share), direction));
+      if (px) most = std::max(most, (*px - centre).norm());
+    }
+    return most;
+  };
+  const double far = radius_before(1e-9), middle = radius_before(1e-8), near = radius_before(1e-7);
+  return far - middle > std::max(kLeast_px, 5 * (middle - near));
+}
+
+// Whether at (m, 1) the radius in the image grows with more than the fourth power of the distance from the
+// axis on the plane z = 1: s = d log(radius) / d log(distance) is 1 for a pinhole, below 1 for a barrel, at
+// most 3 for a cubic pincushion, and 1 + 2 r^2 / (1 - r^2) for a simple pole at the distance 1.
+bool is_steep(const Lens& lens, const Vec2& m) {
+  constexpr double kSteepest = 4;
+  const Vec2 centre(params(lens)[2], params(lens)[3]);
+  Mat23 J_px_p;
+  const auto px = project(lens, Vec3(m.x(), m.y(), 1), &J_px_p);
+  return px && (*px - centre).dot(J_px_p.leftCols<2>() * m) > kSteepest * (*px - centre).squaredNorm();
+}
+
+bool is_steep_at(const Lens& lens, const Vec2& px) {
+  const auto ray = unproject(lens, px);
+  return ray && is_steep(lens, ray->head<2>() / ray->z());
+}
+
+// Some pixel of the border `has` it.
+template <class Has>
+bool somewhere_on_border(const Camera& camera, Has&& has) {
   const double w = camera.size.width - 1, h = camera.size.height - 1;
   // The corners first: what ends inside the picture mostly ends there.
   for (const Vec2& px : {Vec2(0, 0), Vec2(w, 0), Vec2(0, h), Vec2(w, h)}) {
-    if (!reached(camera.lens, px)) return true;
+    if (has(px)) return true;
   }
   constexpr int kPerSide = 16;
   for (int i = 1; i < kPerSide; ++i) {
     const double s = static_cast<double>(i) / kPerSide;
     for (const Vec2& px : {Vec2(s * w, 0), Vec2(s * w, h), Vec2(0, s * h), Vec2(w, s * h)}) {
-      if (!reached(camera.lens, px)) return true;
+      if (has(px)) return true;
     }
   }
   return false;
@@ -97,10 +131,34 @@ double domain_fraction(const Camera& camera) {
   return static_cast<double>(n) / (kColumns * kRows);
 }
 
+Fold fold_of(const Lens& lens) {
+  const double end_rad = domain_angle_rad(lens);
+  Fold fold{validity_of(lens, end_rad), is_central_perspective(lens) && ends_at_pole(lens, end_rad)};
+  if (!fold.is_pole) return fold;
+  constexpr int kSteps = 1000;
+  for (int i = 1; i < kSteps; ++i) {
+    const double distance = std::tan(end_rad) * i / kSteps;
+    for (int direction = 0; direction < kDirections; ++direction) {
+      const double around = 2 * kPi * direction / kDirections;
+      if (!is_steep(lens, distance * Vec2(std::cos(around), std::sin(around)))) continue;
+      fold.end = validity_of(lens, std::atan(distance));
+      return fold;
+    }
+  }
+  fold.end = validity_of(lens, std::atan(std::tan(end_rad) * (kSteps - 1) / kSteps));
+  return fold;
+}
+
 bool folds_in_image(const Camera& camera) {
-  if (!ends_in_image(camera)) return false;
-  const double widest = is_central_perspective(camera.lens) ? 0.5 * kPi : kPi;
-  return domain_angle_rad(camera.lens) < widest * (1 - 1e-6);
+  const Lens& lens = camera.lens;
+  const bool forward = is_central_perspective(lens);
+  const bool ends = somewhere_on_border(camera, [&](const Vec2& px) { return !reached(lens, px); });
+  if (!ends && !forward) return false;
+  const double end_rad = domain_angle_rad(lens);
+  if (!(end_rad < (forward ? 0.5 * kPi : kPi) * (1 - 1e-6))) return false;
+  // On the way to a pole the image covers all pixels, so that each has a ray, in a rim of no width.
+  return ends || (ends_at_pole(lens, end_rad) &&
+                  somewhere_on_border(camera, [&](const Vec2& px) { return is_steep_at(lens, px); }));
 }
 
 }  // namespace plumbline

@@ -120,5 +120,67 @@ TEST_F(CalibrateStart, ViewsAreAddedToAnEarlierCalibration) {
   EXPECT_EQ(result().data.views.size(), first.views.size());
 }
 
+TEST_F(CalibrateStart, OneLensIsNamedAndTheOtherKeepsTheStarts) {
+  const std::string start = corners() + " --start " + (dir / "truth.yaml").string();
+  const test::Run done = calibrate(start + " --lens cam1=opencv8 --fix cam0");
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_EQ(lens_name(result().rig.cameras[1].lens), "opencv8");
+  EXPECT_TRUE(std::ranges::equal(params(result().rig.cameras[0].lens), params(truth.rig.cameras[0].lens)));
+  EXPECT_EQ(calibrate(start + " --lens cam2=opencv8").exit_code, 2);
+  EXPECT_EQ(calibrate(corners() + " --lens cam1=opencv8").exit_code, 2);  // without a start, all or none
+}
+
+TEST_F(CalibrateStart, NothingThatIsGivenIsIgnored) {
+  ASSERT_EQ(calibrate(corners()).exit_code, 0);
+  const std::string old = (dir / "old.yaml").string();
+  write_text(old, read_text(dir / "out" / "calibration.yaml"));
+  for (const std::string option : {"--image-size 640x480", "--pair-by order", "--pair-by name"}) {
+    for (const std::string& input : {old, corners()}) {
+      const test::Run run = calibrate(input + " " + option);
+      EXPECT_EQ(run.exit_code, 2) << input << " " << option;
+      EXPECT_THAT(run.err, HasSubstr(option.substr(0, option.find(' '))));
+    }
+  }
+  // Times are taken, into the views that are solved again.
+  std::string times = "image,time_s\n";
+  for (const View& view : truth.data.views)
+    times += view.image + "," + std::to_string(100 + 0.5 * view.frame) + "\n";
+  write_text(dir / "times.csv", times);
+  const test::Run run = calibrate(old + " --times " + (dir / "times.csv").string());
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  for (const View& view : result().data.views) EXPECT_EQ(view.time_s, 0.5 * view.frame);
+  EXPECT_EQ(calibrate(old + " --times " + (dir / "none.csv").string()).exit_code, 1);
+}
+
+// Each message has what was typed, the file, and what to do.
+TEST_F(CalibrateStart, MessagesSpeakOfTheOptionThatWasTyped) {
+  ASSERT_EQ(calibrate(corners()).exit_code, 0);
+  const std::string old = (dir / "old.yaml").string(), file = (dir / "corners.yaml").string();
+  write_text(old, read_text(dir / "out" / "calibration.yaml"));
+  const auto says = [&](const std::string& arguments, const std::vector<std::string>& words) {
+    const test::Run run = calibrate(arguments);
+    EXPECT_EQ(run.exit_code, 1) << arguments;
+    for (const std::string& word : words) EXPECT_THAT(run.err, HasSubstr(word)) << arguments;
+    EXPECT_THAT(run.err, testing::Not(HasSubstr("--from"))) << arguments;
+  };
+  says(corners() + " --start " + file, {"--start " + file, "--corners " + file});
+  says(file, {file, "--corners " + file});
+  says((dir / "truth.yaml").string(), {"--start " + (dir / "truth.yaml").string()});
+  write_text(dir / "note.txt", "not a camera");
+  const std::string note = (dir / "note.txt").string();
+  says(corners() + " --start " + note, {"--start " + note + ": not a camera file"});
+  says(old + " --add " + corners(), {"--add to " + old, "there already", "--replace"});
+  Dataset other = truth.data;
+  other.cameras[1].name = "middle";
+  write_text(dir / "other.yaml", format_corners(other));
+  const std::string renamed = "--corners " + (dir / "other.yaml").string();
+  says(old + " --add " + renamed,
+       {"--add to " + old + ": camera middle", "cam0, cam1", "one of these names"});
+  says(old + " --add --replace " + renamed, {"--add --replace to " + old + ": camera middle"});
+  says(renamed + " --start " + (dir / "truth.yaml").string(),
+       {"--start " + (dir / "truth.yaml").string() + ": camera middle", "cam0, cam1", "name the cameras"});
+  says("--corners " + old, {old, "--start " + old});
+}
+
 }  // namespace
 }  // namespace plumbline::test

@@ -49,6 +49,22 @@ TEST(FormatsValidity, MrcalIsToldOfAFold) {
               1e-3);  // where the map stands still
 }
 
+// Beside a pole of the denominator at tan(angle) = 0.7 every pixel has a ray, and the region that is told
+// ends before.
+TEST(FormatsValidity, APoleIsNotExportedSilently) {
+  const double q = -1 / 0.49;
+  const OpenCV8 lens{400, 401, 321, 239, {q + 0.02, 0, 0, 0, 0, q, 0, 0}};
+  const Rig rig = rig_of({"c", {640, 480}, lens});
+  const Status refused = check_folds(*find_format("opencv"), rig);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("runs off to infinity inside the picture"));
+  const Rig back = through("mrcal", rig);
+  ASSERT_TRUE(back.cameras[0].validity);
+  EXPECT_LT(back.cameras[0].validity->angle_rad, std::atan(0.7));
+  EXPECT_GT(back.cameras[0].validity->angle_rad, std::atan(0.5));
+  EXPECT_NEAR(back.cameras[0].validity->angle_rad, fold_of(lens).end.angle_rad, 1e-6);
+}
+
 TEST(FormatsValidity, MrcalsPythonKnowsTheRegion) {
   Camera camera{"c", {640, 480}, kMild};
   camera.validity = Validity{std::atan(0.5), 0};

@@ -249,5 +249,70 @@ TEST(ChooseLenses, SaysWhyNothingFits) {
   EXPECT_THAT(choice.error().text(), ::testing::HasSubstr("usable view"));
 }
 
+const LensTry& row_of(const std::vector<LensTry>& tries, const std::string& lens) {
+  return *std::find_if(tries.begin(), tries.end(), [&](const LensTry& t) { return t.lens == lens; });
+}
+
+// What is held, tied or known must be there: a lens without it is not tried, whatever it would predict.
+TEST(ChooseLenses, ALensWithoutWhatIsNamedIsOutOfTheRace) {
+  const Dataset data = with_noise(simulate(truth_of("opencv4", 5).scene).truth.data, 0.1, 5);
+  RefineOptions options{.lenses = {"auto"}};
+  options.fixed = {"k3=0"};
+  options.priors = {{"cam0 p1", 0, 0.01}};
+  const auto cal = calibrate(data, options);
+  ASSERT_TRUE(cal) << cal.error().text();
+  const auto& tries = cal->provenance.lens_tries;
+  EXPECT_EQ(row_of(tries, "opencv4").reason, "fixed parameter 'k3=0': it has no parameter of this name");
+  EXPECT_EQ(row_of(tries, "kb4").reason, "prior of 'cam0 p1': it has no parameter of this name");
+  EXPECT_EQ(row_of(tries, "opencv5").reason, "");
+  const auto names = param_names(cal->rig.cameras[0].lens);
+  const auto k3 = std::find(names.begin(), names.end(), "k3") - names.begin();
+  EXPECT_EQ(params(cal->rig.cameras[0].lens)[static_cast<std::size_t>(k3)], 0);
+
+  options.fixed = {"k9"};
+  const auto refused = calibrate(data, options);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().text(),
+              ::testing::AllOf(::testing::HasSubstr("'k9'"), ::testing::HasSubstr("no lens that is tried")));
+  options.fixed = {"cam0 fx=wide"};
+  EXPECT_THAT(calibrate(data, options).error().text(), ::testing::HasSubstr("not a number"));
+}
+
+// A name of the other camera's lens says nothing of this one's; one of no camera is found at the other.
+TEST(ChooseLenses, NamesOfOtherCamerasDoNotCount) {
+  Scene scene{.lenses = {example_lens("opencv5"), example_lens("opencv5")}, .n_frames = 12};
+  const Dataset data = with_noise(simulate(scene).truth.data, 0.2, 3);
+  RefineOptions options{.lenses = {"opencv8", "auto"}};
+  options.fixed = {"cam0 k6=0", "k5"};
+  const auto choice = choose_lenses(data, options, {"opencv4", "opencv5"});
+  ASSERT_TRUE(choice) << choice.error().text();
+  for (const LensTry& t : choice->tries) EXPECT_EQ(t.reason, "") << t.lens;
+  options.fixed = {"cam1 k3"};
+  const auto with = choose_lenses(data, options, {"opencv4", "opencv5"});
+  ASSERT_TRUE(with) << with.error().text();
+  EXPECT_EQ(with->lenses[1], "opencv5");
+  EXPECT_NE(row_of(with->tries, "opencv4").reason, "");
+  options.fixed.clear();
+  options.ties = {"cam0=cam1"};  // of opencv8 with a lens that it is not
+  EXPECT_THAT(choose_lenses(data, options, {"opencv4"}).error().text(),
+              ::testing::HasSubstr("12 parameters"));
+}
+
+// A pincushion lies on the other side of the pinhole: the spheres follow it with alpha < 0, which their
+// papers and Kalibr's files do not have.
+TEST(ChooseLenses, ASphereOutsideItsRangeIsNotChosen) {
+  Scene scene{.lenses = {OpenCV4{550, 551, 322, 238, {0.12, 0.02, 0, 0}}}, .n_frames = 25};
+  const Dataset data = with_noise(simulate(scene).truth.data, 0.2, 9);
+  const auto choice = choose_lenses(data, {.lenses = {"auto"}}, {"ucm", "eucm", "opencv4"});
+  ASSERT_TRUE(choice) << choice.error().text();
+  EXPECT_EQ(choice->lenses[0], "opencv4");
+  for (const char* lens : {"ucm", "eucm"}) {
+    const LensTry& row = row_of(choice->tries, lens);
+    EXPECT_GT(row.rms_px, 0) << lens;
+    EXPECT_EQ(row.held_out_px, 0) << lens;
+    EXPECT_THAT(row.reason, ::testing::HasSubstr("is used with 0 <= alpha")) << lens;
+  }
+}
+
 }  // namespace
 }  // namespace plumbline::test

@@ -118,6 +118,72 @@ TEST(Monotonic, CornersAllOverThePictureAreLeftAlone) {
   EXPECT_FALSE(cal->provenance.options.contains("held_monotonic"));
 }
 
+// A rational lens with a pole at the distance `pole` from the axis, where numerator and denominator nearly
+// cancel: a pinhole for corners that stay away from it, whose noise says nothing of it.
+Calibration with_pole(double pole, double residue) {
+  OpenCV8 lens{520, 521, 322, 238, {}};
+  lens.d[5] = -1 / (pole * pole);
+  lens.d[0] = lens.d[5] + residue;
+  Calibration cal = simulate({.lenses = {Pinhole{520, 521, 322, 238}}, .n_frames = 20, .seed = 2}).truth;
+  cal.rig.cameras[0].lens = lens;
+  for (View& view : cal.data.views) {
+    std::erase_if(view.corners, [&](const Corner& c) { return (c.px - Vec2(322, 238)).norm() > 170; });
+  }
+  cal.data = with_noise(cal.data, 0.3, 3);
+  for (const View& view : cal.data.views) cal.fits.emplace_back(view.corners.size());
+  cal.view_reason.resize(cal.data.views.size());
+  detail::evaluate(cal);
+  return cal;
+}
+
+double cost_of(const Calibration& cal) {
+  double cost = 0;
+  for (const auto& fits : cal.fits) {
+    for (const CornerFit& fit : fits) cost += 0.5 * fit.residual_px.squaredNorm();
+  }
+  return cost;
+}
+
+// Every pixel of the picture has a ray here, in a rim beside the pole, which unprojection does not see.
+TEST(Monotonic, APoleInThePictureIsMovedOutOfIt) {
+  Calibration cal = with_pole(0.5, 1e-3);
+  ASSERT_EQ(domain_fraction(cal.rig.cameras[0]), 1);
+  detail::SolveReport report{.usable = true, .converged = true, .cost = cost_of(cal)};
+  const auto notes = detail::keep_monotonic(cal, {}, report);
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_THAT(notes[0].consequence, HasSubstr("runs off to infinity (its denominator has a pole)"));
+  EXPECT_TRUE(notes[0].held) << notes[0].consequence;
+  const Camera& camera = cal.rig.cameras[0];
+  EXPECT_FALSE(camera.validity);
+  EXPECT_FALSE(folds_in_image(camera));
+  // By steps of the formula over the whole picture: no pole, and within the noise's reach of the pinhole.
+  const auto k = params(camera.lens);
+  const double far = corner_px(camera) / k[0];
+  double before = 0;
+  for (double r = 1e-3; r < 1.5 && before < far; r += 1e-3) {
+    const double s = r * r, q = 1 + s * (k[9] + s * (k[10] + s * k[11]));
+    ASSERT_GT(q, 0) << r;
+    const double out = r * (1 + s * (k[4] + s * (k[5] + s * k[8]))) / q;
+    ASSERT_GT(out, before) << r;
+    ASSERT_LT(out, before + 0.02) << r;
+    before = out;
+  }
+  EXPECT_GE(before, far - 2.0 / 520);
+}
+
+// What a fit has cost when it stopped on its way says nothing of what the corners contradict.
+TEST(Monotonic, AConstrainedFitThatDidNotArriveIsNotBelieved) {
+  Calibration cal = with_pole(0.5, 1e-3);
+  detail::SolveReport report{.usable = true, .converged = true, .cost = cost_of(cal)};
+  const auto notes = detail::keep_monotonic(cal, {.max_iterations = 2}, report);
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_FALSE(notes[0].held);
+  EXPECT_THAT(notes[0].consequence, HasSubstr("did not arrive in 2 iterations"));
+  ASSERT_TRUE(cal.rig.cameras[0].validity);
+  EXPECT_LT(cal.rig.cameras[0].validity->angle_rad, std::atan(0.5));
+  EXPECT_GT(cal.rig.cameras[0].validity->radius_px, 165);
+}
+
 // The guard's derivatives against central differences, with lenses that violate it.
 TEST(RadialGuard, DerivativesAreThoseOfItsValue) {
   for (std::string_view name : {"opencv4", "opencv5", "opencv8", "opencv12", "kb4"}) {

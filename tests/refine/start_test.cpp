@@ -114,5 +114,16 @@ TEST_F(StartFromRig, RefusesWhatDoesNotBelong) {
   EXPECT_EQ(start_from(data, sim.truth.rig, {.lenses = {"opencv6"}}).error().code, ErrorCode::kUnsupported);
 }
 
+// A name for one camera leaves the other what it has, to the last bit.
+TEST(StartFrom, AnEmptyNameKeepsTheLensOfTheStart) {
+  const Calibration truth =
+      simulate({.lenses = {example_lens("opencv5"), example_lens("kb4")}, .n_frames = 6}).truth;
+  const auto start = start_from(truth.data, truth.rig, {.lenses = {"opencv8", ""}});
+  ASSERT_TRUE(start) << start.error().text();
+  EXPECT_EQ(lens_name(start->rig.cameras[0].lens), "opencv8");
+  EXPECT_EQ(lens_name(start->rig.cameras[1].lens), "kb4");
+  EXPECT_TRUE(std::ranges::equal(params(start->rig.cameras[1].lens), params(truth.rig.cameras[1].lens)));
+}
+
 }  // namespace
 }  // namespace plumbline::test

@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include "plumbline/rig/motion.hpp"
+
 namespace plumbline::test {
 namespace {
 
@@ -64,6 +66,51 @@ TEST(AddViews, AnImageThatIsThereIsReplacedOnRequestOnly) {
   EXPECT_EQ(cal->data.views[0].corners[0].px, Vec2(77, 78));
   EXPECT_FALSE(cal->T_rig_board[0]);  // it may have moved
   EXPECT_TRUE(cal->T_rig_board[2]);
+}
+
+// Twenty-five frames a second from a zero of its own; the right camera is 3 ms late.
+Dataset recording(const std::string& folder, int n_frames, double start_s) {
+  Dataset data = two_cameras(folder, n_frames);
+  for (View& view : data.views) view.time_s = start_s + 0.04 * view.frame + 0.003 * view.cam;
+  return data;
+}
+
+// Both count from zero, so that the second begins in the middle of the first, or within a gap of its end: no
+// frame's motion may be read from the other recording.
+TEST(AddViews, EachRecordingHasItsOwnTimes) {
+  for (const double start_s : {0.0, 0.25}) {
+    Calibration old = old_calibration();
+    old.data = recording("", 6, 0);
+    old.T_rig_board.assign(6, SE3());
+    const Dataset more = recording("new/", 7, start_s);
+    auto cal = add_views(old, more, false);
+    ASSERT_TRUE(cal) << cal.error().text();
+    cal->T_rig_board.assign(cal->data.frames.size(), SE3());
+    const Trajectory trajectory = trajectory_of(*cal);
+    for (int f = 0; f < 13; ++f) {
+      ASSERT_TRUE(trajectory.stencils[f]) << f;
+      for (int other : trajectory.stencils[f]->frames) EXPECT_EQ(other < 6, f < 6) << f;
+    }
+    for (const View& view : cal->data.views) {
+      if (view.frame < 6) continue;
+      // What separates frames and cameras of one recording stays, to the digits of a double.
+      EXPECT_NEAR(*view.time_s - *trajectory.time_s[6], 0.04 * (view.frame - 6) + 0.003 * view.cam, 1e-12);
+    }
+  }
+}
+
+TEST(AddViews, ReplacedImagesKeepTheirTimes) {
+  Calibration old = old_calibration();
+  old.data = recording("", 6, 0.5);
+  old.T_rig_board.assign(6, SE3());
+  Dataset more = recording("", 7, 100.25);  // the same recording by another zero, and a frame more
+  const auto cal = add_views(old, more, true);
+  ASSERT_TRUE(cal) << cal.error().text();
+  for (const View& view : cal->data.views)
+    EXPECT_NEAR(*view.time_s, 0.5 + 0.04 * view.frame + 0.003 * view.cam, 1e-12) << view.image;
+  *more.views[3].time_s += 0.01;
+  EXPECT_THAT(add_views(old, more, true).error().text(),
+              testing::AllOf(HasSubstr("left03.png"), HasSubstr("0.130000 s"), HasSubstr("0.120000 s")));
 }
 
 TEST(AddViews, RefusesWhatDoesNotBelong) {

@@ -52,6 +52,60 @@ TEST(Validity, FoldsInImageAsADenseWalkSays) {
   EXPECT_LT(folds, 250);
 }
 
+// The radial map of a rational lens, (1 + n s) / (1 + q s) r with q < 0, rises all the way to its pole at
+// s = -1 / q and covers every pixel. Before the pole lies the picture of a lens, beside it none.
+template <class L>
+Camera with_pole(double pole_tan, double residue) {
+  L lens{400, 400, 319.5, 239.5, {}};
+  const double q = -1 / (pole_tan * pole_tan);
+  lens.d[5] = q;
+  lens.d[0] = q + residue;  // residue 0: the factors cancel, and what is left is a pinhole
+  return {"c", {640, 480}, lens};
+}
+
+// 400 px at a distance of 1: the corner of the picture is at the distance 1 (a pinhole's).
+TEST(Validity, APoleInsideThePictureIsAFold) {
+  for (const Camera& camera :
+       {with_pole<OpenCV8>(0.7, 0.02), with_pole<OpenCV12>(0.7, 0.02), with_pole<OpenCV8>(0.99, 1e-4)}) {
+    EXPECT_EQ(domain_fraction(camera), 1);  // every pixel has a ray, which is why unprojection sees nothing
+    EXPECT_TRUE(folds_in_image(camera));
+    EXPECT_LE(domain_angle_rad(camera.lens), std::atan(0.99));
+  }
+  for (const Camera& camera : {with_pole<OpenCV8>(1.5, 0.02), with_pole<OpenCV12>(2.0, 0.1)})
+    EXPECT_FALSE(folds_in_image(camera)) << "the pole lies outside";
+  Camera pincushion = with_pole<OpenCV8>(2.0, 0.1);
+  params(pincushion.lens)[4] += 0.3;
+  EXPECT_FALSE(folds_in_image(pincushion));
+}
+
+// Lenses at random: the walk outward in equal steps of the distance says whether it comes to the corner
+// before one step takes it further than ten did.
+TEST(Validity, PolesAsADenseWalkSays) {
+  Rng rng(5);
+  int poles = 0;
+  for (int i = 0; i < 300; ++i) {
+    OpenCV8 lens{400, 400, 319.5, 239.5, {}};
+    lens.d[5] = -std::abs(rng.normal(1.0));
+    lens.d[0] = lens.d[5] + std::abs(rng.normal(0.02));
+    const auto radius_px = [&](double r) {
+      return 400 * r * (1 + lens.d[0] * r * r) / (1 + lens.d[5] * r * r);
+    };
+    const double pole = 1 / std::sqrt(-lens.d[5]);
+    double r = 1e-3;
+    const auto steepness = [&](double at) {
+      return (radius_px(at * (1 + 1e-6)) - radius_px(at * (1 - 1e-6))) / (2e-6 * radius_px(at));
+    };
+    while (r < pole && steepness(r) < 4) r += 1e-4 * pole;
+    const double corner_px = std::hypot(319.5, 239.5), steep_px = radius_px(std::min(r, pole * (1 - 1e-9)));
+    if (std::abs(steep_px - corner_px) < 0.02 * corner_px) continue;
+    const bool by_walk = steep_px < corner_px;
+    EXPECT_EQ(folds_in_image({"c", {640, 480}, lens}), by_walk) << i;
+    poles += by_walk;
+  }
+  EXPECT_GT(poles, 50);
+  EXPECT_LT(poles, 250);
+}
+
 // A picture of a whole fisheye: the image of all directions is smaller than the picture, and nothing turns.
 TEST(Validity, AFisheyeThatShowsEverythingDoesNotFold) {
   EXPECT_FALSE(folds_in_image({"c", {640, 480}, KannalaBrandt4{70, 70, 319.5, 239.5, 0, 0, 0, 0}}));

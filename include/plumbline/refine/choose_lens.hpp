@@ -23,12 +23,15 @@ struct LensChoice {
 /// share: of the lenses whose mean error exceeds the least by at most two standard errors of the mean
 /// difference, the one with the fewest parameters is taken, and of several such the one with the least error.
 /// Where one lens is as good as that for every camera, and has no more parameters than some camera needs by
-/// itself, all get it. A lens that does not project all of those corners, or whose fit has more than three
-/// times the least RMS, is out before that. \param options  lenses: "auto" where the choice is wanted, else
-/// the lens itself; the rest as for calibrate().
-///        `fixed` holds what a lens has of it
+/// itself, all get it. Out before that, with the reason in its row, is a lens that lacks a parameter which
+/// `fixed`, `ties` or `priors` name for this camera (or for no camera, when no other has it), that does not
+/// project all of those corners, whose fit has more than three times the least RMS, or whose parameters come
+/// out where other software does not take them (out_of_range()).
+/// \param options  lenses: "auto" where the choice is wanted, else the lens itself; the rest as for
+///        calibrate()
 /// \param candidates  empty: all lenses with less than 20 parameters
-/// Failures: what calibrate() says of kb4, or of opencv5, when neither can be fitted.
+/// Failures: what calibrate() says of kb4, or of opencv5, when neither can be fitted; kInvalidData when no
+/// candidate has a parameter that is named, or the lenses chosen cannot be tied as wanted.
 Result<LensChoice> choose_lenses(const Dataset& data, const RefineOptions& options,
                                  const std::vector<std::string>& candidates = {});
 

@@ -10,8 +10,8 @@
 namespace plumbline {
 
 struct StartFrom {
-  /// One for all cameras or one per camera of the data; empty: those of the rig. A lens of another kind
-  /// becomes the wanted one by fitting it to the image of the other.
+  /// One for all cameras or one per camera of the data; empty, or an empty name: that of the rig. A lens of
+  /// another kind becomes the wanted one by fitting it to the image of the other.
   std::vector<std::string> lenses;
   /// Whether the rig says where its cameras stand (poses_known() of io); otherwise that is found from the
   /// frames that they share.

@@ -24,9 +24,19 @@ Validity validity_of(const Lens& lens, double angle_rad);
 /// with its validity) leads.
 double domain_fraction(const Camera& camera);
 
-/// Whether the radial map of the lens turns back inside the picture: a pixel of the border that no ray of the
-/// lens reaches, although the lens does not show all that one of its kind can (90 degrees for a lens that
-/// looks forward only, all directions for a fisheye). The camera's validity is not looked at.
+/// Whether the radial map of the lens turns back inside the picture, or runs off to infinity there: a pixel
+/// of the border that no ray of the lens reaches, or one beside a pole of a rational lens (where the radius
+/// grows with more than the fourth power of the distance from the axis on the plane z = 1), although the lens
+/// does not show all that one of its kind can (90 degrees for a lens that looks forward only, all directions
+/// for a fisheye). The camera's validity is not looked at.
 bool folds_in_image(const Camera& camera);
+
+/// Where a lens that folds_in_image() does so: where it turns back, or, beside a pole, where the radius
+/// begins to grow with more than the fourth power (to a thousandth of the way to the pole).
+struct Fold {
+  Validity end;
+  bool is_pole = false;
+};
+Fold fold_of(const Lens& lens);
 
 }  // namespace plumbline

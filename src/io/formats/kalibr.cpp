@@ -5,6 +5,7 @@
 
 #include "io/formats/common.hpp"
 #include "plumbline/core/text.hpp"
+#include "plumbline/lens/range.hpp"
 
 /// Kalibr's camchain.yaml: cam0, cam1, ...; T_cn_cnm1 maps the camera before to this one, T_cam_imu (of the
 /// IMU tool) the IMU to the camera. camera_model-distortion_model: pinhole-radtan is opencv4,
@@ -41,15 +42,13 @@ std::optional<Model> model_of(const Lens& lens) {
   if (name == KannalaBrandt4::kName) return Model{"pinhole", "equidistant", f_c, d};
   if (name == FieldOfView::kName) return Model{"pinhole", "fov", f_c, {std::abs(d[0])}};
   if (name == Mei::kName) return Model{"omni", "radtan", joined({d[0]}, k4), {d.begin() + 1, d.end()}};
-  // Kalibr keeps to an alpha of 0 to 1.
-  const auto unit = [](double alpha) { return alpha >= 0 && alpha <= 1; };
-  if (name == UnifiedCamera::kName && unit(d[0]) && d[0] < 1) {
+  if (!out_of_range(lens).empty()) return std::nullopt;
+  if (name == UnifiedCamera::kName) {
     const double xi = d[0] / (1 - d[0]);
     return Model{"omni", "none", {xi, f_c[0] * (1 + xi), f_c[1] * (1 + xi), f_c[2], f_c[3]}, {}};
   }
-  if (name == EnhancedUnifiedCamera::kName && unit(d[0]) && d[1] > 0)
-    return Model{"eucm", "none", joined(d, k4), {}};
-  if (name == DoubleSphere::kName && unit(d[1])) return Model{"ds", "none", joined(d, k4), {}};
+  if (name == EnhancedUnifiedCamera::kName) return Model{"eucm", "none", joined(d, k4), {}};
+  if (name == DoubleSphere::kName) return Model{"ds", "none", joined(d, k4), {}};
   if (auto brown = brown_coefficients(lens, 4)) return Model{"pinhole", "radtan", f_c, *brown};
   return std::nullopt;
 }

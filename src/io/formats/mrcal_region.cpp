@@ -36,8 +36,7 @@ bool holds_centre(const Camera& camera) {
 
 std::optional<std::string> region_text(const Camera& camera) {
   Camera limited = camera;
-  if (!limited.validity && folds_in_image(camera))
-    limited.validity = validity_of(camera.lens, std::numbers::pi);
+  if (!limited.validity && folds_in_image(camera)) limited.validity = fold_of(camera.lens).end;
   if (!limited.validity || !holds_centre(camera)) return std::nullopt;
   const Vec2 centre = centre_of(camera);
   constexpr int kDirections = 180;
