@@ -19,8 +19,9 @@ constexpr int kPlainIterations = 10;
 // An optimum is said to lie at the edge of the domain when a step was refused for it so shortly before.
 constexpr int kEdgeMemory = 20;
 constexpr int kMostJumps = 4;
-// Their matrix is dense: 290 MB of it for so many.
-constexpr int kMostShared = 6000;
+// Their matrix is dense, and six of its size are alive at once: 430 MB for so many, which two cameras with
+// 1200 control values each need.
+constexpr int kMostShared = 3000;
 constexpr double kFirstDamping = 1e-4, kMostDamping = 1e20, kLeastDamping = 1e-15, kUndamped = 1e-12;
 // The cost is a sum of some ten thousand squares, good to some units in its last places.
 constexpr double kRounding = 1e-13;
