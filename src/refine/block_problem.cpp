@@ -72,23 +72,29 @@ BlockProblem block_problem(const Calibration& cal, const SolveSpec& spec) {
     problem.shared_only.data.targets = cal.data.targets;
     problem.shared_only.bow_m = cal.bow_m;
   }
+  std::vector<ViewCorners> corners_of(cal.data.views.size());
+  problem.workers->run(static_cast<int>(corners_of.size()), [&](int v) {
+    const auto at = static_cast<std::size_t>(v);
+    const std::vector<Observation> observations = observations_of(cal, at, spec.use_sigma);
+    if (!observations.empty())
+      corners_of[at] = view_corners(observations, problem.offsets.bow[cal.data.views[at].target] >= 0);
+  });
   std::vector<int> place(cal.T_rig_board.size(), -1);
-  ViewCorners last;
+  std::shared_ptr<const std::vector<double>> last;
   std::vector<int> n_residuals(cal.rig.cameras.size(), 0);
   for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
-    const std::vector<Observation> observations = observations_of(cal, v, spec.use_sigma);
-    if (observations.empty()) continue;
+    ViewCorners& corners = corners_of[v];
+    if (corners.n == 0) continue;
+    if (last && *last == *corners.points) corners.points = last;  // fewer to keep in the processor's memory
+    last = corners.points;
     const int cam = cal.data.views[v].cam, target = cal.data.views[v].target;
+    const bool bowed = corners.bowed;
     int& at = place[cal.data.views[v].frame];
     if (at < 0) {
       at = static_cast<int>(problem.frames.size());
       problem.frames.emplace_back().frame = cal.data.views[v].frame;
       problem.couplings.emplace_back();
     }
-    const bool bowed = problem.offsets.bow[target] >= 0;
-    ViewCorners corners = view_corners(observations, last.points ? &last : nullptr, bowed);
-    last.n = corners.n;
-    last.points = corners.points;
     const Lens& lens = cal.rig.cameras[cam].lens;
     std::vector<Segment>& segments = problem.couplings[at].segments;
     n_residuals[cam] += 2 * corners.n;

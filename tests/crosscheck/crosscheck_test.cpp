@@ -203,11 +203,15 @@ TEST(Crosscheck, ASplinedLensIsSolvedByMrcalToo) {
     EXPECT_NEAR(camera.rms_px, camera.referee_rms_px, 1e-6);
     EXPECT_LT(camera.diff_px.max, 2e-3);  // where mrcal's thresholds stop it
     EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
-    EXPECT_GT(std::abs(camera.referee_parameters[60]), 1e-6);  // not the start of anything
+    double largest = 0;
+    for (std::size_t i = 4; i < camera.referee_parameters.size(); ++i)
+      largest = std::max(largest, std::abs(camera.referee_parameters[i]));
+    EXPECT_GT(largest, 1e-3);  // the stereographic lens alone would not do
   }
   EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-6);
   Calibration bent = *cal;
-  for (std::size_t i = 4; i < 204; ++i) params(bent.rig.cameras[0].lens)[i] += i % 2 ? 1e-3 : -1e-3;
+  const auto k = params(bent.rig.cameras[0].lens);
+  for (std::size_t i = 4; i < k.size(); ++i) k[i] += i % 4 < 2 ? 1e-3 : -1e-3;
   const auto planted = crosscheck_mrcal(bent);
   ASSERT_TRUE(planted) << planted.error().text();
   EXPECT_GT(planted->rms_px, planted->referee_rms_px + 0.01);

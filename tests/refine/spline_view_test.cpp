@@ -149,8 +149,7 @@ TEST(SplineKernel, SumsWhatTheLensSays) {
       if (!bowed) expected.bottomRows(2).setZero();
       const VecX scale = expected.diagonal().cwiseMax(1e-6).cwiseSqrt().cwiseInverse();
       for (const KernelSet* set : kernel_sets_here()) {
-        const MatX got =
-            kernel_sums(*set, std::get<Splined>(lens), T, view_corners(list, nullptr, bowed), bow_m);
+        const MatX got = kernel_sums(*set, std::get<Splined>(lens), T, view_corners(list, bowed), bow_m);
         const MatX difference = (got - expected).triangularView<Eigen::Lower>();
         EXPECT_LT((scale.asDiagonal() * difference * scale.asDiagonal())
                       .topLeftCorner(n + (bowed ? 9 : 7), n + (bowed ? 9 : 7))
@@ -183,7 +182,7 @@ TEST(SplineKernel, ReachesTheEdgesOfItsGrid) {
     const MatX expected = sums_of(lens, SE3(), list, bow_m);
     const VecX scale = expected.diagonal().cwiseMax(1e-6).cwiseSqrt().cwiseInverse();
     for (const KernelSet* set : kernel_sets_here()) {
-      const MatX got = kernel_sums(*set, splined, SE3(), view_corners(list, nullptr, true), bow_m);
+      const MatX got = kernel_sums(*set, splined, SE3(), view_corners(list, true), bow_m);
       const MatX difference = (got - expected).triangularView<Eigen::Lower>();
       EXPECT_LT((scale.asDiagonal() * difference * scale.asDiagonal()).cwiseAbs().maxCoeff(), 1e-11)
           << set->name << " order " << order << " " << n_x << "x" << n_y << ", " << n << " parameters";
