@@ -160,8 +160,8 @@ SolveReport solve_blocks(Calibration& cal, const SolveSpec& spec) {
   BlockNormal normal, next_normal;
   if (!make_normal(problem, state, normal))
     return {.termination = "a corner lies outside its lens' domain at the start"};
-  // The control points of a splined lens creep towards their optimum by a tenth or so a step: what 1e-12 of the
-  // cost leaves is some 1e-4 of a standard deviation, and the last steps to 1e-14 change nothing else.
+  // The control points of a splined lens creep towards their optimum by a tenth or so a step: what 1e-12 of
+  // the cost leaves is some 1e-4 of a standard deviation, and the last steps to 1e-14 change nothing else.
   const double tight = problem.splines.empty() ? 1e-14 : 1e-12;
   const double tolerance = spec.tight ? tight : 1e-7;
   double n_residuals = 0;
