@@ -54,7 +54,9 @@ def main():
     for name in sorted(os.listdir(sys.argv[1])):
         focal, best, corners = read(os.path.join(sys.argv[1], name))
         try:
-            tally["reached" if cost(corners, focal) <= best * (1 + 1e-4) else "elsewhere"] += 1
+            ratio = cost(corners, focal) / best
+            tally["reached" if ratio <= 1 + 1e-4 else "elsewhere"] += 1
+            print(f"{name}: {ratio:.6g} times the best cost", file=sys.stderr)
         except Exception:  # whatever mrcal raises is its answer
             tally["threw"] += 1
     print(json.dumps(tally))

@@ -387,14 +387,16 @@ TEST(Constraints, OnlyOneCameraMoves) {
   EXPECT_GT((*pair->covariance)(18, 18), 0);  // where they stand to each other is cam0's as well
 }
 
+// What is said of options that two cameras cannot take.
+template <class Set>
+std::string refusal(Set&& set) {
+  RefineOptions options;
+  set(options);
+  const auto c = detail::constraints_of(float_problem(2), options);
+  return c ? std::string("accepted") : c.error().text();
+}
+
 TEST(Constraints, WrongOnesAreRefusedWithTheNames) {
-  const Calibration start = float_problem(2);
-  const auto refusal = [&](auto&& set) {
-    RefineOptions options;
-    set(options);
-    const auto c = detail::constraints_of(start, options);
-    return c ? std::string("accepted") : c.error().text();
-  };
   using O = RefineOptions;
   EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam2 fx"}; }), HasSubstr("cam1 t_z"));
   EXPECT_THAT(refusal([](O& o) { o.fixed = {"cam0.rig"}; }), HasSubstr("there are"));
@@ -417,13 +419,6 @@ TEST(Constraints, WrongOnesAreRefusedWithTheNames) {
 
 // One number for many parameters, or for parameters of several cameras: accepted before, and always a slip.
 TEST(Constraints, AValueIsOfOneParameter) {
-  const Calibration start = float_problem(2);
-  const auto refusal = [&](auto&& set) {
-    RefineOptions options;
-    set(options);
-    const auto c = detail::constraints_of(start, options);
-    return c ? std::string("accepted") : c.error().text();
-  };
   using O = RefineOptions;
   for (const std::string group : {"lens", "K", "pose", "rig", "cam0", "cam0.K", "cam1.pose"}) {
     const std::string text = refusal([&](O& o) { o.fixed = {group + "=1"}; });

@@ -37,16 +37,7 @@ Calibration start_of(const Simulation& sim, const std::string& spec, double nois
     Camera& camera = cal.rig.cameras[i];
     camera.lens = sparse_like(camera.lens, spec, camera.size).value();
   }
-  Rng rng(5);
-  const auto push = [&](SE3& T) {
-    Vec6 d;
-    for (double& x : d) x = rng.normal(0.003);
-    T = box_plus(T, d);
-  };
-  for (std::size_t i = 1; i < cal.rig.T_cam_rig.size(); ++i) push(cal.rig.T_cam_rig[i]);
-  for (auto& T : cal.T_rig_board) push(*T);
-  for (const View& view : cal.data.views) cal.fits.emplace_back(view.corners.size());
-  cal.view_reason.assign(cal.data.views.size(), "");
+  push_poses(cal, 0.003, 5);
   return cal;
 }
 Calibration start_of(const Scene& scene, const std::string& spec, double noise_px, int n_splined = 1) {
