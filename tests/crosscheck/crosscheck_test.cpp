@@ -200,21 +200,23 @@ TEST(Crosscheck, ASplinedLensIsSolvedByMrcalToo) {
   ASSERT_TRUE(check) << check.error().text();
   for (const CameraCrosscheck& camera : check->cameras) {
     EXPECT_EQ(camera.referee_lens, "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=9_fov_x_deg=150");
-    EXPECT_NEAR(camera.rms_px, camera.referee_rms_px, 1e-6);
-    EXPECT_LT(camera.diff_px.max, 2e-3);  // where mrcal's thresholds stop it
+    EXPECT_NEAR(camera.rms_px, camera.referee_rms_px, 1e-9);
+    EXPECT_LT(camera.diff_px.max, 1e-9);  // mrcal finds no step from ours
     EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
     double largest = 0;
     for (std::size_t i = 4; i < camera.referee_parameters.size(); ++i)
       largest = std::max(largest, std::abs(camera.referee_parameters[i]));
     EXPECT_GT(largest, 1e-3);  // the stereographic lens alone would not do
   }
-  EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-6);
+  EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-9);
   Calibration bent = *cal;
   const auto k = params(bent.rig.cameras[0].lens);
   for (std::size_t i = 4; i < k.size(); ++i) k[i] += i % 4 < 2 ? 1e-3 : -1e-3;
   const auto planted = crosscheck_mrcal(bent);
   ASSERT_TRUE(planted) << planted.error().text();
   EXPECT_GT(planted->rms_px, planted->referee_rms_px + 0.01);
+  // mrcal, started from the bent lens, comes to where ours was: an optimum that it did not get from us.
+  EXPECT_NEAR(planted->referee_rms_px, check->referee_rms_px, 1e-9);
 }
 
 TEST(Crosscheck, APlantedErrorInAFisheyeShows) {
