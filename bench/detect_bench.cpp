@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plumbline's detectors beside their peers, on rendered boards whose truth is known, on images without a
-// board and on photographs.  detect_bench [quick] prints one JSON line for each set and tool;
+// board and on photographs.  detect_bench [quick|full [PART_OF_A_NAME [alone]]] prints one JSON line for each set and tool;
 // bench/detect/run makes docs/detect.md's tables of them. Not a Google benchmark: recall and error matter as
 // much as time.
 #include <fmt/format.h>
@@ -138,11 +138,13 @@ Answer timed(const Tool& tool, const cv::Mat& grey, Score& score) {
   return answer;
 }
 
+bool g_peers = true;
+
 void measure(const std::string& table, const Subject& subject, const std::string& kind,
              const std::vector<Shot>& shots) {
   if (shots.empty()) return;
   const Target target = *make_target(subject.spec);
-  for (const Tool& tool : tools_for(target)) {
+  for (const Tool& tool : tools_for(target, g_peers)) {
     Score score;
     for (const Shot& shot : shots)
       add(score, timed(tool, shot.grey, score), shot, target, tool.name != "Plumbline");
@@ -187,7 +189,7 @@ void measure_photographs(const std::string& folder, std::size_t n, const std::st
       const auto grey = read_image_grey(files[i * files.size() / std::min(n, files.size())]);
       if (grey) images.push_back(*grey);
     }
-    for (const Tool& tool : tools_for(target)) {
+    for (const Tool& tool : tools_for(target, g_peers)) {
       Score score;
       for (const cv::Mat& grey : images) {
         const std::size_t found = timed(tool, grey, score).corners.size();
@@ -207,6 +209,7 @@ void measure_photographs(const std::string& folder, std::size_t n, const std::st
 int main(int argc, char** argv) {
   const bool is_quick = argc > 1 && std::strcmp(argv[1], "quick") == 0;
   const std::string only = argc > 2 ? argv[2] : "";
+  g_peers = argc <= 3;
   cv::setNumThreads(1);
   measure_renders(is_quick, only);
   const char* data = std::getenv("PLUMBLINE_DATA");

@@ -174,8 +174,9 @@ bool has_mrgingham() {
   return is_there;
 }
 
-std::vector<Tool> tools_for(const Target& target) {
+std::vector<Tool> tools_for(const Target& target, bool with_peers) {
   std::vector<Tool> out{{"Plumbline", [target](const cv::Mat& g) { return by_plumbline(g, target); }}};
+  if (!with_peers) return out;
   const auto add = [&](const char* name, std::function<Answer(const cv::Mat&)> run) {
     out.push_back({name, guarded(std::move(run))});
   };

@@ -24,7 +24,7 @@ struct Tool {
 
 /// Plumbline first, then those of its peers that look for such a board. Chessboard finders number from either
 /// end.
-std::vector<Tool> tools_for(const Target& target);
+std::vector<Tool> tools_for(const Target& target, bool with_peers);
 
 /// Whether the program mrgingham is installed.
 bool has_mrgingham();

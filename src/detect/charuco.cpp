@@ -69,27 +69,9 @@ std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
   return fit_plane(from, to);
 }
 
-constexpr int kSteps = 8;  ///< along a marker's side
-
-/// How far an upright window around a corner is clean of marker edges and of the next squares [px].
-double clean_reach(const Mat3& H, double margin) {
-  const Mat2 J = map_jacobian(H, Vec2(0, 0));
-  double reach = 1e9;
-  for (int k = 0; k < 4; ++k) {
-    const Vec2 direction((k & 1) != 0 ? 1 : -1, (k & 2) != 0 ? 1 : -1);
-    // Along the two sides of the marker in that square: seen obliquely its corner is not what is nearest.
-    for (int i = 0; i <= kSteps; ++i) {
-      const double t = margin + (1 - 2 * margin) * i / kSteps;
-      reach = std::min({reach, (J * direction.cwiseProduct(Vec2(t, margin))).lpNorm<Eigen::Infinity>(),
-                        (J * direction.cwiseProduct(Vec2(margin, t))).lpNorm<Eigen::Infinity>()});
-    }
-  }
-  return std::min(reach - 1, 0.42 * window_reach(J));
-}
-
 constexpr int kMinCorners = 4;
 constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
-constexpr double kMinReach = 2.0;          ///< [px] clean around a corner, or its window sees a marker
+constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
 
 /// Four corners on a line say nothing about a camera.
 bool spans_plane(const std::vector<Corner>& corners, int columns) {
@@ -155,12 +137,16 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
       const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
       if (!px) continue;
       const Mat2 J = map_jacobian(*H, Vec2(0, 0));
-      const double reach = clean_reach(*H, margin);
+      const double height = narrow_height(J), reach = margin * height;
       if (reach < kMinReach) continue;
       // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
       if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
         continue;
-      starts.push_back({*px, half_window(reach), std::max(1.5, 0.12 * narrow_height(J))});
+      SaddleWindow window{J};
+      // The squares' own edges are clean along their whole length; the markers stand beside them.
+      window.across = margin;
+      window.max_move_px = std::max(1.5, 0.12 * height);
+      starts.push_back({*px, window});
       points.push_back(r * (board.columns - 1) + c);
     }
   }
@@ -180,9 +166,9 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
     out.corners.clear();
     return out;
   }
-  out.method = fmt::format("ArUco{}, cornerSubPix", board.rows % 2 != 0 ? ""
-                                                    : is_legacy         ? ", layout legacy"
-                                                                        : ", layout current");
+  out.method = fmt::format("ArUco{}, saddle fit", board.rows % 2 != 0 ? ""
+                                                  : is_legacy         ? ", layout legacy"
+                                                                      : ", layout current");
   return out;
 }
 

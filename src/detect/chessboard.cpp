@@ -6,6 +6,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
 #include "detect/lattice_order.hpp"
 #include "detect/subpixel.hpp"
@@ -18,14 +19,16 @@ namespace {
 constexpr int kSearchSize = 1400;
 /// Smaller ones are also searched at twice their size: the finder erodes the squares by whole pixels.
 constexpr int kUpscaleBelow = 1500;
-/// Fraction of the distance to the nearest other corner that a window may cover.
-constexpr double kWindowFraction = 0.38;
 
 cv::Mat scaled(const cv::Mat& grey, double scale) {
   cv::Mat out;
   cv::resize(grey, out, cv::Size(), scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
   return out;
 }
+
+/// Lattices with a smaller share of the board's corners are taken for none: the borrowed finders need seconds
+/// to see that there is no board.
+constexpr double kMinEvidence = 2.0;
 
 enum class Finder { kClassic, kSectorBased };
 
@@ -80,43 +83,21 @@ std::optional<LatticePoints> number(const cv::Mat& grey, const LatticePoints& fo
   return orient(found, [](const LatticePoints&) { return true; });
 }
 
-std::vector<CornerStart> starts_of(const LatticePoints& points, double search_scale) {
-  std::vector<CornerStart> starts;
-  for (int r = 0; r < points.rows; ++r) {
-    for (int c = 0; c < points.columns; ++c) {
-      const double reach = kWindowFraction * neighbour_distance(points, c, r);
-      // A corner found at reduced size may be off by a pixel of that size.
-      starts.push_back(
-          {points.at(c, r), half_window(reach), std::max({2.0, 0.75 * reach, 1.5 / search_scale})});
-    }
-  }
-  return starts;
+ChessGrid grid_of(const LatticePoints& points) {
+  ChessGrid grid(points.columns, points.rows);
+  for (std::size_t i = 0; i < points.px.size(); ++i) grid.px[i] = points.px[i];
+  return grid;
 }
 
-struct Refined {
-  LatticePoints points;
-  std::vector<double> sigma;
-};
-
-/// All corners refined, or what is wrong with them.
-std::variant<Refined, std::string> refine(const cv::Mat& grey, const LatticePoints& found,
-                                          double search_scale) {
-  if (const auto broken = broken_lattice(found)) return *broken;
-  const double noise = noise_level(grey, bounding_box(found.px, grey));
-  Refined out{found, {}};
-  const auto refined = refine_corners(grey, starts_of(found, search_scale), noise);
-  for (std::size_t i = 0; i < refined.size(); ++i) {
-    // At the image's border no window fits: the finder's own refinement (5x5 pixels) stays, with an error to
-    // match.
-    if (refined[i]) out.points.px[i] = refined[i]->px;
-    out.sigma.push_back(refined[i] ? refined[i]->sigma_px : 0.5 / std::min(1.0, search_scale));
-  }
-  if (const auto broken = broken_lattice(out.points)) return *broken;
-  const auto unrefined = std::count(refined.begin(), refined.end(), std::nullopt);
-  if (4 * unrefined > static_cast<long>(refined.size())) {
-    return fmt::format("{} of {} corners have no edges around them", unrefined, refined.size());
-  }
-  return out;
+/// The corners that a borrowed finder gives, or what is wrong with them: it finds whole boards only.
+std::variant<std::vector<ChessCorner>, std::string> refine_whole(const cv::Mat& grey,
+                                                                 const LatticePoints& points, double scale) {
+  const double noise = noise_level(grey, bounding_box(points.px, grey));
+  auto corners = refine_grid(grey, grid_of(points), scale, noise);
+  const std::size_t all = points.px.size();
+  if (4 * (all - corners.size()) > all)
+    return fmt::format("{} of {} corners have no edges around them", all - corners.size(), all);
+  return corners;
 }
 
 struct Attempt {
@@ -135,39 +116,62 @@ std::vector<Attempt> attempts(const cv::Mat& grey) {
   return list;
 }
 
-}  // namespace
-
-Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
+Detection found(const std::vector<ChessCorner>& corners, const char* method) {
   Detection out;
-  out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows, grey.cols,
-                           grey.rows);
-  if (board.columns < 3 || board.rows < 3) {
-    out.reason = fmt::format("a chessboard needs at least 3x3 inner corners to be found, this one has {}x{}",
-                             board.columns, board.rows);
-    return out;
-  }
+  for (const ChessCorner& c : corners) out.corners.push_back({c.point, c.px, c.sigma_px});
+  out.method = method;
+  return out;
+}
+
+/// OpenCV's finders, where ours sees a lattice but not the board.
+Detection by_borrowed_finders(const cv::Mat& grey, const Chessboard& board) {
+  Detection out;
   for (const Attempt& attempt : attempts(grey)) {
-    const LatticePoints found = find(grey, board, attempt.scale, attempt.finder);
-    if (found.px.empty()) continue;
-    const auto refined = refine(grey, found, attempt.scale);
+    const LatticePoints points = find(grey, board, attempt.scale, attempt.finder);
+    if (points.px.empty()) continue;
+    if (const auto broken = broken_lattice(points)) {
+      out.reason =
+          fmt::format("what looked like a {}x{} chessboard is none: {}", board.columns, board.rows, *broken);
+      continue;
+    }
+    const auto numbered = number(grey, points);
+    if (!numbered) continue;
+    const auto refined = refine_whole(grey, *numbered, attempt.scale);
     if (const auto* why = std::get_if<std::string>(&refined)) {
       out.reason =
           fmt::format("what looked like a {}x{} chessboard is none: {}", board.columns, board.rows, *why);
       continue;
     }
-    const Refined& good = std::get<Refined>(refined);
-    const auto numbered = number(grey, good.points);
-    if (!numbered) continue;
-    // The numbering is a permutation of the refined points: carry each point's sigma along.
-    for (std::size_t i = 0; i < numbered->px.size(); ++i) {
-      const auto from =
-          std::find(good.points.px.begin(), good.points.px.end(), numbered->px[i]) - good.points.px.begin();
-      out.corners.push_back(
-          {static_cast<int>(i), numbered->px[i], good.sigma[static_cast<std::size_t>(from)]});
-    }
-    out.method = attempt.finder == Finder::kClassic ? "cornerSubPix" : kFoundBySb;
-    out.reason.clear();
+    return found(std::get<std::vector<ChessCorner>>(refined),
+                 attempt.finder == Finder::kClassic ? "saddle fit" : kFoundBySb);
+  }
+  return out;
+}
+
+}  // namespace
+
+Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
+  Detection out;
+  if (board.columns < 3 || board.rows < 3) {
+    out.reason = fmt::format("a chessboard needs at least 3x3 inner corners to be found, this one has {}x{}",
+                             board.columns, board.rows);
     return out;
+  }
+  const ChessSearch search = search_chessboard(grey, board);
+  if (search.grid.count() > 0) {
+    std::vector<Vec2> px;
+    for (const auto& p : search.grid.px) {
+      if (p) px.push_back(*p);
+    }
+    const double noise = noise_level(grey, bounding_box(px, grey));
+    const auto corners = refine_grid(grey, search.grid, search.scale, noise);
+    if (5 * corners.size() >= 4 * px.size()) return found(corners, "saddle fit");
+  }
+  if (search.largest >= kMinEvidence * board.columns * board.rows) out = by_borrowed_finders(grey, board);
+  if (out.corners.empty() && out.reason.empty()) {
+    out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows,
+                             grey.cols, grey.rows);
+    if (!search.reason.empty()) out.reason += ": " + search.reason;
   }
   return out;
 }
