@@ -165,13 +165,13 @@ void measure_renders(bool is_quick, const std::string& only) {
       const bool is_large = kind.size.width > 3000;
       // The square board is there for mrgingham, which knows no other.
       if (is_square(subject) && kind.name != "clean" && kind.name != "blurred and noisy") continue;
-      if ((is_quick && is_large) || (subject.name + kind.name).find(only) == std::string::npos) continue;
+      if ((is_quick && is_large) || ("render " + subject.name + " " + kind.name).find(only) == std::string::npos) continue;
       const int n = is_quick ? 1 : is_large ? 1 : kind.name == "clean" ? 5 : 3;
       measure("render", subject, kind.name, shots(subject, kind, n, seed, is_quick));
     }
     for (const std::string& kind : empty_kinds()) {
       seed += 1000;
-      if (is_square(subject) || (subject.name + kind).find(only) == std::string::npos) continue;
+      if (is_square(subject) || ("empty " + subject.name + " " + kind).find(only) == std::string::npos) continue;
       measure("empty", subject, kind, empty_shots(subject, kind, is_quick ? 1 : 2, seed, is_quick));
     }
   }
@@ -181,7 +181,7 @@ void measure_renders(bool is_quick, const std::string& only) {
 void measure_photographs(const std::string& folder, std::size_t n, const std::string& only) {
   for (const test::DataSet& set : test::data_sets()) {
     const std::filesystem::path at = std::filesystem::path(folder) / set.folder;
-    if (!std::filesystem::is_directory(at) || set.folder.find(only) == std::string::npos) continue;
+    if (!std::filesystem::is_directory(at) || ("photographs " + set.folder).find(only) == std::string::npos) continue;
     const auto files = test::images_of(at, set.pattern);
     const Target target = *make_target(set.spec);
     std::vector<cv::Mat> images;
@@ -213,6 +213,6 @@ int main(int argc, char** argv) {
   cv::setNumThreads(1);
   measure_renders(is_quick, only);
   const char* data = std::getenv("PLUMBLINE_DATA");
-  if (data != nullptr && *data != '\0') measure_photographs(data, is_quick ? 1 : 5, only);
+  if (data != nullptr && *data != '\0') measure_photographs(data, is_quick ? 1 : g_peers ? 5 : 1000, only);
   return 0;
 }

@@ -111,25 +111,26 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
     if (scale < 1) cv::resize(grey, image, cv::Size(), scale, scale, cv::INTER_AREA);
     const double noise = noise_level(image, {0, 0, image.cols, image.rows});
     const auto saddles = find_saddles(image, noise, 20 * all + 1000);
-    const auto lattices = grow_lattices(saddles, all);
-    for (std::size_t i = 0; i < std::min<std::size_t>(3, lattices.size()); ++i) {
-      out.largest = std::max(out.largest, static_cast<int>(lattices[i].size()));
-      auto placed = place_lattice(lattices[i], saddles, board, image.size());
-      if (const auto* why = std::get_if<std::string>(&placed)) {
-        if (out.grid.count() == 0 && i == 0) out.reason = *why;
-        continue;
+    const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
+                     static_cast<double>(grey.rows) / image.rows);
+    std::size_t largest = 0;
+    grow_lattices(saddles, [&](const std::vector<LatticeNode>& nodes) {
+      auto placed = place_lattice(nodes, saddles, board, image.size());
+      if (auto* why = std::get_if<std::string>(&placed)) {
+        if (nodes.size() > largest) out.reason = std::move(*why);
+        largest = std::max(largest, nodes.size());
+        return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
-      if (grid.count() <= out.grid.count()) continue;
-      const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
-                       static_cast<double>(grey.rows) / image.rows);
+      if (grid.count() <= out.grid.count()) return false;
       for (auto& p : grid.px) {
         if (p) p = (*p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
       }
       out.grid = std::move(grid);
       out.scale = scale;
-      out.reason.clear();
-    }
+      return out.grid.count() == all;
+    });
+    out.largest = std::max(out.largest, static_cast<int>(largest));
     if (out.grid.count() == all) break;
   }
   return out;

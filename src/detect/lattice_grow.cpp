@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kCone = 0.3;       ///< off an edge's direction that a first neighbour may lie [rad, about]
 constexpr double kNearness = 0.3;   ///< of a step: how far from its foretold place a node may lie
+constexpr int kMostLattices = 40;    ///< of one image
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -60,9 +61,17 @@ class Buckets {
   std::vector<std::vector<int>> cells_;
 };
 
+/// Neighbours are about equally strong: what an image has beside the board is often fainter, seldom stronger.
+constexpr double kAlike = 0.4;
+
+bool is_alike(const Saddle& a, const Saddle& b) {
+  return std::min(a.strength, b.strength) > kAlike * std::max(a.strength, b.strength);
+}
+
 /// Whether the saddles' edges run alike and their fields are opposite (neighbours) or the same (across a
 /// cell).
 bool matches(const Saddle& a, const Saddle& b, bool opposite) {
+  if (!is_alike(a, b)) return false;
   const double same = std::min(std::abs(a.edge[0].dot(b.edge[0])), std::abs(a.edge[1].dot(b.edge[1])));
   const double swapped = std::min(std::abs(a.edge[0].dot(b.edge[1])), std::abs(a.edge[1].dot(b.edge[0])));
   // describe() puts edge[0] on one certain side of the bright field: neighbours have them exchanged.
@@ -71,8 +80,7 @@ bool matches(const Saddle& a, const Saddle& b, bool opposite) {
 
 class Growth {
  public:
-  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, std::vector<char>& used)
-      : saddles_(saddles), buckets_(buckets), used_(used) {}
+  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets) : saddles_(saddles), buckets_(buckets) {}
 
   /// The lattice of the saddle `seed`, empty when there is no cell around it.
   std::vector<LatticeNode> from(int seed) {
@@ -84,7 +92,7 @@ class Growth {
       queue_.pop_front();
       for (const auto& [di, dj] : kDirections) extend(i, j, di, dj);
     }
-    for (const LatticeNode& n : nodes_) used_[static_cast<std::size_t>(n.saddle)] = 1;
+    prune();
     return nodes_;
   }
 
@@ -105,28 +113,24 @@ class Growth {
     queue_.emplace_back(i, j);
   }
 
-  bool is_free(int saddle) const {
-    return used_[static_cast<std::size_t>(saddle)] == 0 && !taken_.contains(saddle);
-  }
-
-  /// The first saddle along a direction, with opposite fields.
+  /// The first saddle along a direction; -1 where it is no neighbour.
   int neighbour(int from, const Vec2& direction) const {
     const Saddle& a = saddles_[static_cast<std::size_t>(from)];
     int best = -1;
     double best_cost = 1e30;
     for (double radius = 2 * buckets_.pitch(); best < 0; radius *= 2) {
       buckets_.within(a.px, radius, [&](int i) {
-        if (i == from || used_[static_cast<std::size_t>(i)] != 0) return;
+        if (i == from) return;
         const Vec2 d = px(i) - a.px;
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
         if (!(along > 3) || beside > kCone * along) return;
         const double cost = along * (1 + 2 * beside / along);
-        if (cost < best_cost && matches(a, saddles_[static_cast<std::size_t>(i)], true))
-          best = i, best_cost = cost;
+        if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)])) best = i, best_cost = cost;
       });
       if (radius > buckets_.extent() / 2) break;
     }
-    return best;
+    // Past a saddle that does not fit the next row but one would, and the whole lattice would be wrong.
+    return best >= 0 && matches(a, saddles_[static_cast<std::size_t>(best)], true) ? best : -1;
   }
 
   int nearest(const Vec2& at, double radius, const Saddle& like, bool opposite) const {
@@ -134,7 +138,7 @@ class Growth {
     double best_distance = radius * radius;
     buckets_.within(at, radius, [&](int i) {
       const double distance = (px(i) - at).squaredNorm();
-      if (distance < best_distance && is_free(i) &&
+      if (distance < best_distance && !taken_.contains(i) &&
           matches(like, saddles_[static_cast<std::size_t>(i)], opposite))
         best = i, best_distance = distance;
     });
@@ -182,6 +186,21 @@ class Growth {
     return std::nullopt;
   }
 
+  /// Without nodes that hang on one neighbour: what grew out of the board into its surroundings.
+  void prune() {
+    std::size_t before = 0;
+    while (before != nodes_.size()) {
+      before = nodes_.size();
+      std::erase_if(nodes_, [&](const LatticeNode& n) {
+        int neighbours = 0;
+        for (const auto& [di, dj] : kDirections) neighbours += at_.contains({n.i + di, n.j + dj}) ? 1 : 0;
+        if (neighbours > 1) return false;
+        at_.erase({n.i, n.j});
+        return true;
+      });
+    }
+  }
+
   void extend(int i, int j, int di, int dj) {
     if (at_.contains({i + di, j + dj})) return;
     const auto target = foretell(i, j, di, dj);
@@ -194,7 +213,6 @@ class Growth {
 
   const std::vector<Saddle>& saddles_;
   const Buckets& buckets_;
-  std::vector<char>& used_;
   std::vector<LatticeNode> nodes_;
   std::map<std::pair<int, int>, int> at_;
   std::map<int, int> taken_;
@@ -212,24 +230,21 @@ bool is_large(const std::vector<LatticeNode>& nodes) {
 
 }  // namespace
 
-std::vector<std::vector<LatticeNode>> grow_lattices(const std::vector<Saddle>& saddles, int enough) {
-  std::vector<std::vector<LatticeNode>> out;
-  if (saddles.size() < 9) return out;
+void grow_lattices(const std::vector<Saddle>& saddles,
+                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last) {
+  if (saddles.size() < 9) return;
   const Buckets buckets(saddles);
-  std::vector<char> used(saddles.size(), 0);
-  Growth growth(saddles, buckets, used);
-  for (std::size_t seed = 0; seed < saddles.size(); ++seed) {
-    if (used[seed] != 0) continue;
-    auto nodes = growth.from(static_cast<int>(seed));
-    if (!is_large(nodes)) {
-      for (const LatticeNode& n : nodes) used[static_cast<std::size_t>(n.saddle)] = 0;
-      continue;
-    }
-    out.push_back(std::move(nodes));
-    if (static_cast<int>(out.back().size()) >= enough) break;
+  std::vector<char> seen(saddles.size(), 0);
+  Growth growth(saddles, buckets);
+  int n_grown = 0;
+  for (std::size_t seed = 0; seed < saddles.size() && n_grown < kMostLattices; ++seed) {
+    if (seen[seed] != 0) continue;
+    const auto nodes = growth.from(static_cast<int>(seed));
+    if (!is_large(nodes)) continue;
+    for (const LatticeNode& n : nodes) seen[static_cast<std::size_t>(n.saddle)] = 1;
+    ++n_grown;
+    if (is_last(nodes)) return;
   }
-  std::stable_sort(out.begin(), out.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
-  return out;
 }
 
 }  // namespace plumbline::detail

@@ -19,10 +19,14 @@ constexpr double kFirstArmPx = 7;   ///< of the first rounds, which only have to
 constexpr double kEdgeReach = 3.5;  ///< an edge is flat beyond so many blurs
 constexpr double kLeak = 1.5;       ///< the next edge is felt up to so many blurs before it
 constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2;
-constexpr double kMaxMisfit = 0.25;    ///< of the contrast
+constexpr double kMaxMisfit = 0.4;     ///< of the contrast; photographs of screens reach 0.3
 constexpr double kMinContrast = 3;     ///< grey levels
 constexpr double kLeastError = 0.003;  ///< px; what the model itself is worth (a pixel is no Gaussian)
-constexpr int kMinPixels = 24;
+constexpr int kMinPixels = 14;
+/// Windows of fewer pixels do not tell blur from contrast: they are told that the blur is about a pixel and
+/// that the light is even, with the weight of residuals of a seventh of the contrast.
+constexpr std::size_t kFewPixels = 80;
+constexpr double kUsualBlur = 0.9, kBlurWeight = 0.25, kSlopeWeight = 60;
 
 /// Parameters: corner x, y; directions of the edges; blur; mean, half step, slopes of the light along x and
 /// y.
@@ -120,6 +124,18 @@ struct Normal {
   double cost = 0;
 };
 
+void add_expectations(const Params& p, Normal& out) {
+  const double weight = kBlurWeight * p[6] * p[6], off = kUsualBlur - p[4];
+  out.A[4 * kN + 4] += weight;
+  out.b[4] += weight * off;
+  out.cost += weight * off * off;
+  for (std::size_t k = 7; k < 9; ++k) {
+    out.A[k * kN + k] += kSlopeWeight;
+    out.b[k] -= kSlopeWeight * p[k];
+    out.cost += kSlopeWeight * p[k] * p[k];
+  }
+}
+
 void accumulate(const std::vector<Pixel>& pixels, const Params& p, const Vec2& curvature, Normal& out) {
   const EdgeTable& edge = edge_table();
   const double c1 = std::cos(p[2]), s1 = std::sin(p[2]), c2 = std::cos(p[3]), s2 = std::sin(p[3]);
@@ -152,6 +168,7 @@ void accumulate(const std::vector<Pixel>& pixels, const Params& p, const Vec2& c
       for (int j = 0; j <= i; ++j) out.A[static_cast<std::size_t>(i * kN + j)] += g[i] * g[j];
     }
   }
+  if (pixels.size() < kFewPixels) add_expectations(p, out);
 }
 
 /// Cholesky factor in place, false when the matrix is not positive definite.
@@ -261,6 +278,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   const double n = static_cast<double>(region.pixels.size());
   fit.misfit = std::sqrt(normal.cost / std::max(1.0, n - kN));
   const double skew = turned(p[2], p[3]);
+  if (getenv("DBG")) fprintf(stderr, "fit %.2f %.2f moved %.2f of %.2f contrast %.1f misfit %.1f blur %.2f skew %.2f turn %.2f %.2f n %zu\n", p[0], p[1], (fit.px - start).norm(), limit, p[6], fit.misfit, p[4], skew, turned(p[2], angle[0]), turned(p[3], angle[1]), region.pixels.size());
   if (!fit.px.allFinite() || (fit.px - start).norm() > limit || std::abs(fit.contrast) < kMinContrast ||
       fit.misfit > kMaxMisfit * std::abs(fit.contrast) + noise || skew < 0.15 ||
       turned(p[2], angle[0]) > 0.5 || turned(p[3], angle[1]) > 0.5)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <functional>
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
@@ -26,10 +27,11 @@ struct LatticeNode {
   int saddle = 0;
 };
 
-/// Lattices that grow from cells of four saddles whose edges point at one another and whose colours
-/// alternate, neighbour by neighbour; each place is foretold by those before it, so that no lens or plane is
-/// assumed. Largest first, none with fewer than 3x3 nodes in its box. The axes (i, j) are right-handed as
-/// seen (x to the right, y down). Stops at the first lattice of `enough` nodes.
-std::vector<std::vector<LatticeNode>> grow_lattices(const std::vector<Saddle>& saddles, int enough);
+/// Calls is_last with each lattice until it says so. Lattices grow from cells of four saddles whose edges
+/// point at one another and whose colours alternate, neighbour by neighbour, the strongest saddles first; each
+/// place is foretold by those before it, so that no lens or plane is assumed. Their boxes have 3x3 places at
+/// least; the axes (i, j) are right-handed as seen (x to the right, y down).
+void grow_lattices(const std::vector<Saddle>& saddles,
+                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last);
 
 }  // namespace plumbline::detail
