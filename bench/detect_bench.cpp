@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plumbline's detectors beside their peers, on rendered boards whose truth is known, on images without a
-// board and on photographs.  detect_bench [quick|full [PART_OF_A_NAME [alone]]] prints one JSON line for each set and tool;
-// bench/detect/run makes docs/detect.md's tables of them. Not a Google benchmark: recall and error matter as
-// much as time.
+// board and on photographs.  detect_bench [quick|full [PART_OF_A_NAME [alone]]] prints one JSON line for each
+// set and tool; bench/detect/run makes docs/detect.md's tables of them. Not a Google benchmark: recall and
+// error matter as much as time.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -11,6 +11,7 @@
 #include <cstring>
 #include <ctime>
 #include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <set>
 
 #include "detect/data_sets.hpp"
@@ -144,6 +145,9 @@ void measure(const std::string& table, const Subject& subject, const std::string
              const std::vector<Shot>& shots) {
   if (shots.empty()) return;
   const Target target = *make_target(subject.spec);
+  if (getenv("DUMPSHOTS"))
+    for (size_t i = 0; i < shots.size(); ++i)
+      cv::imwrite("/tmp/shots/" + kind + std::to_string(i) + ".png", shots[i].grey);
   for (const Tool& tool : tools_for(target, g_peers)) {
     Score score;
     for (const Shot& shot : shots)
@@ -165,13 +169,16 @@ void measure_renders(bool is_quick, const std::string& only) {
       const bool is_large = kind.size.width > 3000;
       // The square board is there for mrgingham, which knows no other.
       if (is_square(subject) && kind.name != "clean" && kind.name != "blurred and noisy") continue;
-      if ((is_quick && is_large) || ("render " + subject.name + " " + kind.name).find(only) == std::string::npos) continue;
+      if ((is_quick && is_large) ||
+          ("render " + subject.name + " " + kind.name).find(only) == std::string::npos)
+        continue;
       const int n = is_quick ? 1 : is_large ? 1 : kind.name == "clean" ? 5 : 3;
       measure("render", subject, kind.name, shots(subject, kind, n, seed, is_quick));
     }
     for (const std::string& kind : empty_kinds()) {
       seed += 1000;
-      if (is_square(subject) || ("empty " + subject.name + " " + kind).find(only) == std::string::npos) continue;
+      if (is_square(subject) || ("empty " + subject.name + " " + kind).find(only) == std::string::npos)
+        continue;
       measure("empty", subject, kind, empty_shots(subject, kind, is_quick ? 1 : 2, seed, is_quick));
     }
   }
@@ -181,7 +188,8 @@ void measure_renders(bool is_quick, const std::string& only) {
 void measure_photographs(const std::string& folder, std::size_t n, const std::string& only) {
   for (const test::DataSet& set : test::data_sets()) {
     const std::filesystem::path at = std::filesystem::path(folder) / set.folder;
-    if (!std::filesystem::is_directory(at) || ("photographs " + set.folder).find(only) == std::string::npos) continue;
+    if (!std::filesystem::is_directory(at) || ("photographs " + set.folder).find(only) == std::string::npos)
+      continue;
     const auto files = test::images_of(at, set.pattern);
     const Target target = *make_target(set.spec);
     std::vector<cv::Mat> images;

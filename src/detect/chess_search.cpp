@@ -13,10 +13,15 @@ namespace plumbline::detail {
 namespace {
 
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
-constexpr int kCoarsest = 1000;
+constexpr int kCoarsest = 500;
 constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
 constexpr double kWindowPx = 14;     ///< longest arm of a window
-constexpr double kFaint = 0.35;      ///< of the median contrast
+/// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
+constexpr double kMaxMisfit = 0.9;
+/// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
+/// be (glare, marks inside of squares).
+constexpr double kWeakField = 0.2, kWeakFields = 0.08;
+constexpr double kFaint = 0.35;  ///< of the median contrast
 
 std::vector<double> scales_of(const cv::Mat& grey) {
   std::vector<double> out{1};
@@ -30,13 +35,47 @@ double median(std::vector<double> v) {
   return v[v.size() / 2];
 }
 
+/// Mean grey level inside the field between four corners.
+std::optional<double> field(const cv::Mat& grey, const ChessGrid& grid, int c, int r) {
+  const auto a = grid.get(c, r), b = grid.get(c + 1, r), d = grid.get(c, r + 1), e = grid.get(c + 1, r + 1);
+  if (!a || !b || !d || !e) return std::nullopt;
+  double sum = 0;
+  for (const double u : {0.3, 0.5, 0.7}) {
+    for (const double v : {0.3, 0.5, 0.7})
+      sum += sample(grey, (1 - v) * ((1 - u) * *a + u * *b) + v * ((1 - u) * *d + u * *e));
+  }
+  return sum / 9;
+}
+
+/// Whether the fields are bright and dark in turn: saddles of other things may lie in rows, but do not bound
+/// fields of two colours.
+bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
+  std::vector<double> steps;
+  for (int r = 0; r + 1 < grid.rows; ++r) {
+    for (int c = 0; c + 1 < grid.columns; ++c) {
+      const auto here = field(grey, grid, c, r);
+      if (!here) continue;
+      for (const auto& next : {field(grey, grid, c + 1, r), field(grey, grid, c, r + 1)}) {
+        if (next) steps.push_back((*next - *here) * ((c + r) % 2 == 0 ? 1 : -1));
+      }
+    }
+  }
+  if (steps.size() < 4) return false;
+  const double middle = median(steps);
+  const auto weak =
+      std::count_if(steps.begin(), steps.end(), [&](double s) { return s / middle < kWeakField; });
+  return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
+}
+
 struct Fitted {
   ChessGrid grid;
   std::vector<std::optional<SaddleFit>> fits;
 };
 
-SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool with_bend) {
+SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool is_seen,
+                       bool with_bend) {
   SaddleWindow window{J};
+  window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
   if (!with_bend) return window;
@@ -48,11 +87,12 @@ SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, doubl
   return window;
 }
 
-void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, bool with_bend, double noise,
+void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, bool is_seen, double noise,
          Fitted& out) {
   const auto J = steps_at(out.grid, c, r);
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
-  to = J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, with_bend), noise) : std::nullopt;
+  to =
+      J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, is_seen, false), noise) : std::nullopt;
 }
 
 /// Sides alternate from corner to corner, and no corner is much fainter than the others.
@@ -114,7 +154,7 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
     const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
                      static_cast<double>(grey.rows) / image.rows);
     std::size_t largest = 0;
-    grow_lattices(saddles, [&](const std::vector<LatticeNode>& nodes) {
+    grow_lattices(saddles, image.size(), [&](const std::vector<LatticeNode>& nodes) {
       auto placed = place_lattice(nodes, saddles, board, image.size());
       if (auto* why = std::get_if<std::string>(&placed)) {
         if (nodes.size() > largest) out.reason = std::move(*why);
@@ -122,7 +162,7 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
         return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
-      if (grid.count() <= out.grid.count()) return false;
+      if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
         if (p) p = (*p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
       }
@@ -140,7 +180,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
   Fitted out{grid, std::vector<std::optional<SaddleFit>>(grid.px.size())};
   for (int r = 0; r < grid.rows; ++r) {
     for (int c = 0; c < grid.columns; ++c) {
-      if (grid.at(c, r)) fit(grey, c, r, *grid.at(c, r), scale, false, noise, out);
+      if (grid.at(c, r)) fit(grey, c, r, *grid.at(c, r), scale, true, noise, out);
     }
   }
   for (std::size_t i = 0; i < out.fits.size(); ++i)
@@ -175,7 +215,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       if (!first) continue;
       SaddleFit best = *first;
       if (const auto J = steps_at(out.grid, c, r)) {
-        const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true);
+        const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
         if (!window.curvature.isZero(0)) {
           const auto bent = fit_saddle(grey, best.px, window, noise);
           if (bent) best = *bent;

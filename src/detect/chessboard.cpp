@@ -167,7 +167,6 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
     const auto corners = refine_grid(grey, search.grid, search.scale, noise);
     if (5 * corners.size() >= 4 * px.size()) return found(corners, "saddle fit");
   }
-  if (search.largest >= kMinEvidence * board.columns * board.rows) out = by_borrowed_finders(grey, board);
   if (out.corners.empty() && out.reason.empty()) {
     out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows,
                              grey.cols, grey.rows);

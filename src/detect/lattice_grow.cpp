@@ -11,9 +11,11 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kCone = 0.3;       ///< off an edge's direction that a first neighbour may lie [rad, about]
-constexpr double kNearness = 0.3;   ///< of a step: how far from its foretold place a node may lie
-constexpr int kMostLattices = 40;    ///< of one image
+constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
+/// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
+constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
+constexpr double kBorderPx = 9;     ///< nothing is found nearer to the image's border
+constexpr int kMostLattices = 40;   ///< of one image
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -80,7 +82,8 @@ bool matches(const Saddle& a, const Saddle& b, bool opposite) {
 
 class Growth {
  public:
-  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets) : saddles_(saddles), buckets_(buckets) {}
+  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, cv::Size image)
+      : saddles_(saddles), buckets_(buckets), image_(image) {}
 
   /// The lattice of the saddle `seed`, empty when there is no cell around it.
   std::vector<LatticeNode> from(int seed) {
@@ -125,7 +128,8 @@ class Growth {
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
         if (!(along > 3) || beside > kCone * along) return;
         const double cost = along * (1 + 2 * beside / along);
-        if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)])) best = i, best_cost = cost;
+        if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)]))
+          best = i, best_cost = cost;
       });
       if (radius > buckets_.extent() / 2) break;
     }
@@ -169,21 +173,42 @@ class Growth {
     return false;
   }
 
-  /// Where (i + di, j + dj) should be, and the length of the step there.
-  std::optional<Vec2> foretell(int i, int j, int di, int dj) const {
+  struct Foretold {
+    Vec2 px;
+    double nearness;
+  };
+
+  /// Where (i + di, j + dj) should be.
+  std::optional<Foretold> foretell(int i, int j, int di, int dj) const {
     const auto here = place(i, j), before = place(i - di, j - dj);
     if (before) {
       const auto earlier = place(i - 2 * di, j - 2 * dj);
       const Vec2 step = *here - *before;
       // Perspective shortens the steps steadily.
-      return *here + (earlier ? Vec2(step + 0.7 * (step - (*before - *earlier))) : step);
+      if (earlier) return Foretold{*here + step + 0.7 * (step - (*before - *earlier)), kNearnessOfThird};
+      return Foretold{*here + step, kNearness};
     }
     for (const int side : {1, -1}) {
       const auto beside = place(i + side * dj, j + side * di),
                  ahead = place(i + di + side * dj, j + dj + side * di);
-      if (beside && ahead) return Vec2(*here + (*ahead - *beside));
+      if (beside && ahead) return Foretold{*here + (*ahead - *beside), kNearness};
     }
     return std::nullopt;
+  }
+
+  bool is_outside(const Vec2& p) const {
+    return p.x() < kBorderPx || p.y() < kBorderPx || p.x() > image_.width - 1 - kBorderPx ||
+           p.y() > image_.height - 1 - kBorderPx;
+  }
+
+  /// Whether a node has a neighbour in that direction, or would have it outside of the image.
+  bool is_held(const LatticeNode& n, int di, int dj) const {
+    if (at_.contains({n.i + di, n.j + dj})) return true;
+    for (const auto& [ei, ej] : kDirections) {
+      const auto beside = place(n.i + ei, n.j + ej), back = place(n.i + ei - di, n.j + ej - dj);
+      if (beside && back) return is_outside(px(n.saddle) + (*beside - *back));
+    }
+    return false;
   }
 
   /// Without nodes that hang on one neighbour: what grew out of the board into its surroundings.
@@ -192,9 +217,9 @@ class Growth {
     while (before != nodes_.size()) {
       before = nodes_.size();
       std::erase_if(nodes_, [&](const LatticeNode& n) {
-        int neighbours = 0;
-        for (const auto& [di, dj] : kDirections) neighbours += at_.contains({n.i + di, n.j + dj}) ? 1 : 0;
-        if (neighbours > 1) return false;
+        int held = 0;
+        for (const auto& [di, dj] : kDirections) held += is_held(n, di, dj) ? 1 : 0;
+        if (held > 1) return false;
         at_.erase({n.i, n.j});
         return true;
       });
@@ -206,13 +231,14 @@ class Growth {
     const auto target = foretell(i, j, di, dj);
     if (!target) return;
     const int from = at_.at({i, j});
-    const double step = (*target - px(from)).norm();
-    const int found = nearest(*target, kNearness * step, saddles_[static_cast<std::size_t>(from)], true);
+    const double radius = target->nearness * (target->px - px(from)).norm();
+    const int found = nearest(target->px, radius, saddles_[static_cast<std::size_t>(from)], true);
     if (found >= 0) put(i + di, j + dj, found);
   }
 
   const std::vector<Saddle>& saddles_;
   const Buckets& buckets_;
+  cv::Size image_;
   std::vector<LatticeNode> nodes_;
   std::map<std::pair<int, int>, int> at_;
   std::map<int, int> taken_;
@@ -230,12 +256,12 @@ bool is_large(const std::vector<LatticeNode>& nodes) {
 
 }  // namespace
 
-void grow_lattices(const std::vector<Saddle>& saddles,
+void grow_lattices(const std::vector<Saddle>& saddles, cv::Size image,
                    const std::function<bool(const std::vector<LatticeNode>&)>& is_last) {
   if (saddles.size() < 9) return;
   const Buckets buckets(saddles);
   std::vector<char> seen(saddles.size(), 0);
-  Growth growth(saddles, buckets);
+  Growth growth(saddles, buckets, image);
   int n_grown = 0;
   for (std::size_t seed = 0; seed < saddles.size() && n_grown < kMostLattices; ++seed) {
     if (seen[seed] != 0) continue;

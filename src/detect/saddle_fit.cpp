@@ -15,11 +15,13 @@ namespace {
 /// Longer arms gain little (the error falls with the root of the length) and see more of the lens' bend.
 constexpr double kMaxArmPx = 14;
 constexpr double kShare = 0.5;      ///< of the way to the next corner, which has the rest
-constexpr double kFirstArmPx = 7;   ///< of the first rounds, which only have to find the corner
+/// Of the first rounds, which only have to find the corner: arms, and a blur that grows with the square, since
+/// large squares are found in reduced images and their corners lie farther from where they are looked for.
+constexpr double kFirstArmPx = 7, kFirstArmBlurs = 5;
 constexpr double kEdgeReach = 3.5;  ///< an edge is flat beyond so many blurs
 constexpr double kLeak = 1.5;       ///< the next edge is felt up to so many blurs before it
-constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2;
-constexpr double kMaxMisfit = 0.4;     ///< of the contrast; photographs of screens reach 0.3
+constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2, kFirstBlurOfSquare = 0.03,
+                 kMostFirstBlur = 4;
 constexpr double kMinContrast = 3;     ///< grey levels
 constexpr double kLeastError = 0.003;  ///< px; what the model itself is worth (a pixel is no Gaussian)
 constexpr int kMinPixels = 14;
@@ -251,13 +253,15 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   const Vec2 u = window.J.col(0), v = window.J.col(1);
   const double angle[2] = {std::atan2(u.y(), u.x()), std::atan2(v.y(), v.x())};
   Region region;
-  collect(grey, start, window, kFirstArmPx, kFirstBlur, region);
+  const double square = std::abs(window.J.determinant()) / std::max(u.norm(), v.norm());
+  const double blur = std::clamp(kFirstBlurOfSquare * square, kFirstBlur, kMostFirstBlur);
+  collect(grey, start, window, std::max(kFirstArmPx, kFirstArmBlurs * blur), blur, region);
   if (static_cast<int>(region.pixels.size()) < kMinPixels) return std::nullopt;
   double mean = 0;
   for (const Pixel& pixel : region.pixels) mean += pixel.grey / static_cast<double>(region.pixels.size());
-  const double reach = std::min({0.5 * window.across, 2.5 / u.norm(), 2.5 / v.norm()});
+  const double reach = std::min({0.5 * window.across, 2 * blur / u.norm(), 2 * blur / v.norm()});
   const double step = saddle_contrast(grey, start, u * reach, v * reach) / 2;
-  Params p{start.x(), start.y(), angle[0], angle[1], kFirstBlur, mean, step, 0, 0};
+  Params p{start.x(), start.y(), angle[0], angle[1], blur, mean, step, 0, 0};
   Normal normal;
   if (!settle(region, window.curvature, 8, p, normal)) return std::nullopt;
   const double limit = window.max_move_px;
@@ -278,9 +282,8 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   const double n = static_cast<double>(region.pixels.size());
   fit.misfit = std::sqrt(normal.cost / std::max(1.0, n - kN));
   const double skew = turned(p[2], p[3]);
-  if (getenv("DBG")) fprintf(stderr, "fit %.2f %.2f moved %.2f of %.2f contrast %.1f misfit %.1f blur %.2f skew %.2f turn %.2f %.2f n %zu\n", p[0], p[1], (fit.px - start).norm(), limit, p[6], fit.misfit, p[4], skew, turned(p[2], angle[0]), turned(p[3], angle[1]), region.pixels.size());
   if (!fit.px.allFinite() || (fit.px - start).norm() > limit || std::abs(fit.contrast) < kMinContrast ||
-      fit.misfit > kMaxMisfit * std::abs(fit.contrast) + noise || skew < 0.15 ||
+      fit.misfit > window.max_misfit * std::abs(fit.contrast) + noise || skew < 0.15 ||
       turned(p[2], angle[0]) > 0.5 || turned(p[3], angle[1]) > 0.5)
     return std::nullopt;
   const auto sigma = standard_error(normal, std::max(fit.misfit * fit.misfit, noise * noise));

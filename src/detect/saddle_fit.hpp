@@ -19,7 +19,8 @@ struct SaddleWindow {
   /// Of the two edges [1/px]: the edge along column k of J bends towards the side that it has when turned
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();
-  double max_move_px = 3;  ///< from the start
+  double max_move_px = 3;   ///< from the start
+  double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
 struct SaddleFit {
@@ -31,8 +32,8 @@ struct SaddleFit {
   double misfit = 0;   ///< RMS of what the model leaves [grey levels]
 };
 
-/// nullopt: no corner there (the fit runs away or its edges are not as J says, the model leaves more than a
-/// quarter of the contrast, fewer than half of the window's pixels are in the image). `noise`: of the image
+/// nullopt: no corner there (the fit runs away or its edges are not as J says, the model leaves too
+/// much, fewer than half of the window's pixels are in the image). `noise`: of the image
 /// [grey levels]; where the model leaves more than that, sigma grows with it.
 std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window,
                                     double noise);

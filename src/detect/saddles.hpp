@@ -28,10 +28,10 @@ struct LatticeNode {
 };
 
 /// Calls is_last with each lattice until it says so. Lattices grow from cells of four saddles whose edges
-/// point at one another and whose colours alternate, neighbour by neighbour, the strongest saddles first; each
-/// place is foretold by those before it, so that no lens or plane is assumed. Their boxes have 3x3 places at
-/// least; the axes (i, j) are right-handed as seen (x to the right, y down).
-void grow_lattices(const std::vector<Saddle>& saddles,
+/// point at one another and whose colours alternate, neighbour by neighbour, the strongest saddles first;
+/// each place is foretold by those before it, so that no lens or plane is assumed. Their boxes have 3x3
+/// places at least; the axes (i, j) are right-handed as seen (x to the right, y down).
+void grow_lattices(const std::vector<Saddle>& saddles, cv::Size image,
                    const std::function<bool(const std::vector<LatticeNode>&)>& is_last);
 
 }  // namespace plumbline::detail
