@@ -15,9 +15,10 @@ namespace {
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
 constexpr int kCoarsest = 500;
 constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
-constexpr double kWindowPx = 14;     ///< longest arm of a window
+constexpr double kWindowPx = 14, kShortArmPx = 5;  ///< longest arms of a window, and of a second try
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
+constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
 /// be (glare, marks inside of squares).
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
@@ -126,7 +127,7 @@ void drop_strays(Fitted& out) {
     return worst;
   };
   while (true) {
-    double worst = 0.12;
+    double worst = kStray;
     std::size_t at = out.fits.size();
     for (int r = 0; r < out.grid.rows; ++r) {
       for (int c = 0; c < out.grid.columns; ++c) {

@@ -12,8 +12,6 @@
 namespace plumbline::detail {
 namespace {
 
-/// Longer arms gain little (the error falls with the root of the length) and see more of the lens' bend.
-constexpr double kMaxArmPx = 14;
 constexpr double kShare = 0.5;      ///< of the way to the next corner, which has the rest
 /// Of the first rounds, which only have to find the corner: arms, and a blur that grows with the square, since
 /// large squares are found in reduced images and their corners lie farther from where they are looked for.
@@ -255,7 +253,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   Region region;
   const double square = std::abs(window.J.determinant()) / std::max(u.norm(), v.norm());
   const double blur = std::clamp(kFirstBlurOfSquare * square, kFirstBlur, kMostFirstBlur);
-  collect(grey, start, window, std::max(kFirstArmPx, kFirstArmBlurs * blur), blur, region);
+  collect(grey, start, window, std::min(window.max_arm_px, std::max(kFirstArmPx, kFirstArmBlurs * blur)), blur, region);
   if (static_cast<int>(region.pixels.size()) < kMinPixels) return std::nullopt;
   double mean = 0;
   for (const Pixel& pixel : region.pixels) mean += pixel.grey / static_cast<double>(region.pixels.size());
@@ -268,7 +266,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   for (int round = 0; round < 2; ++round) {
     const Vec2 at(p[0], p[1]);
     if (!at.allFinite() || (at - start).norm() > limit) return std::nullopt;
-    collect(grey, at, window, kMaxArmPx, p[4], region);
+    collect(grey, at, window, window.max_arm_px, p[4], region);
     if (static_cast<int>(region.pixels.size()) < kMinPixels ||
         2 * static_cast<int>(region.pixels.size()) < region.places)
       return std::nullopt;

@@ -19,6 +19,7 @@ struct SaddleWindow {
   /// Of the two edges [1/px]: the edge along column k of J bends towards the side that it has when turned
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();
+  double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
   double max_move_px = 3;   ///< from the start
   double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
