@@ -11,7 +11,6 @@
 #include <cstring>
 #include <ctime>
 #include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <set>
 
 #include "detect/data_sets.hpp"
@@ -92,9 +91,15 @@ std::pair<std::size_t, std::size_t> count(const std::vector<Corner>& corners,
 void add(Score& score, const Answer& answer, const Shot& shot, const Target& target, bool is_peer) {
   std::vector<std::optional<Vec2>> truth(target.points.size());
   for (const Corner& c : shot.truth) truth[static_cast<std::size_t>(c.point)] = c.px;
+  const auto is_rim = [&](const Corner& found) {
+    return std::any_of(shot.rim.begin(), shot.rim.end(), [&](const Corner& c) {
+      return c.point == found.point && (c.px - found.px).norm() < kWrongPx;
+    });
+  };
   std::vector<Corner> best;
   std::pair<std::size_t, std::size_t> n{0, 0};
-  for (const auto& corners : numberings(answer.corners, target, is_peer)) {
+  for (auto corners : numberings(answer.corners, target, is_peer)) {
+    std::erase_if(corners, is_rim);
     const auto m = count(corners, truth);
     if (best.empty() || m.first > n.first) best = corners, n = m;
   }
@@ -145,9 +150,6 @@ void measure(const std::string& table, const Subject& subject, const std::string
              const std::vector<Shot>& shots) {
   if (shots.empty()) return;
   const Target target = *make_target(subject.spec);
-  if (getenv("DUMPSHOTS"))
-    for (size_t i = 0; i < shots.size(); ++i)
-      cv::imwrite("/tmp/shots/" + kind + std::to_string(i) + ".png", shots[i].grey);
   for (const Tool& tool : tools_for(target, g_peers)) {
     Score score;
     for (const Shot& shot : shots)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "detect/shots.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgcodecs.hpp>
@@ -157,6 +158,11 @@ std::vector<Shot> shots(const Subject& subject, const Kind& kind, int n, std::ui
     const double share = static_cast<double>(shot.truth.size()) / static_cast<double>(target.points.size());
     if (kind.is_partial ? share < 0.35 || share > 0.65 : share < 1 || !is_whole(drawings[0], camera, *pose))
       continue;
+    for (int i = 0; i < static_cast<int>(target.points.size()); ++i) {
+      const auto is_i = [&](const Corner& c) { return c.point == i; };
+      const auto px = project(camera.lens, *pose * target.points[static_cast<std::size_t>(i)]);
+      if (px && std::none_of(shot.truth.begin(), shot.truth.end(), is_i)) shot.rim.push_back({i, *px, 1});
+    }
     RenderOptions how;
     how.white_grey = 115 + kind.contrast / 2, how.black_grey = 115 - kind.contrast / 2;
     how.background_grey = 110, how.texture_grey = 35;
@@ -184,6 +190,7 @@ std::vector<Shot> empty_shots(const Subject& subject, const std::string& kind, i
     out = shots(kind == "mirrored" ? subject : other_board(subject), kinds()[0], n, seed, is_quick);
     for (Shot& shot : out) {
       shot.truth.clear();
+      shot.rim.clear();
       if (kind == "mirrored") cv::flip(shot.grey, shot.grey, 1);
     }
     return out;
@@ -195,7 +202,7 @@ std::vector<Shot> empty_shots(const Subject& subject, const std::string& kind, i
     cv::Mat image(size.height, size.width, CV_8U, cv::Scalar(115));
     if (kind == "stripes") image = stripes(size, rng);
     if (kind == "text") image = text(size, rng);
-    out.push_back({with_noise(image, kind == "noise" ? 40 : 3, seed + i), {}});
+    out.push_back({with_noise(image, kind == "noise" ? 40 : 3, seed + i), {}, {}});
   }
   return out;
 }

@@ -13,6 +13,7 @@ namespace plumbline::bench {
 struct Shot {
   cv::Mat grey;
   std::vector<Corner> truth;  ///< all corners in the image by 2 px, exactly projected
+  std::vector<Corner> rim;    ///< those nearer to its border: neither asked for nor wrong
 };
 
 /// How the photographs of one kind are made. Grey levels are 0..255.

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "detect/finders.hpp"
 #include "detect/strays.hpp"
@@ -124,6 +125,13 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
     out.reason = fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
     return out;
   }
+  std::set<int> ids;
+  for (const PlacedQuad& q : placed.quads) ids.insert(q.id);
+  if (2 * n < ids.size()) {
+    out.reason =
+        fmt::format("only {} of the {} markers found lie as on this board: it is another one", n, ids.size());
+    return out;
+  }
   std::vector<Vec2> all_px;
   for (int i : placed.consistent.index)
     for (const Vec2& p : placed.quads[static_cast<std::size_t>(i)].px) all_px.push_back(p);
@@ -145,7 +153,8 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
       SaddleWindow window{J};
       // The squares' own edges are clean along their whole length; the markers stand beside them.
       window.across = margin;
-      window.max_move_px = std::max(1.5, 0.12 * height);
+      window.max_move_px = std::max(1.5, 0.2 * height);
+      window.max_misfit = 0.9;  // the markers around it say that it is a corner
       starts.push_back({*px, window});
       points.push_back(r * (board.columns - 1) + c);
     }

@@ -15,7 +15,7 @@ namespace {
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
 constexpr int kCoarsest = 500;
 constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
-constexpr double kWindowPx = 14, kShortArmPx = 5;  ///< longest arms of a window, and of a second try
+constexpr double kWindowPx = 14;     ///< longest arm of a window
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
 constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle

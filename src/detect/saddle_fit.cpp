@@ -12,9 +12,10 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kShare = 0.5;      ///< of the way to the next corner, which has the rest
-/// Of the first rounds, which only have to find the corner: arms, and a blur that grows with the square, since
-/// large squares are found in reduced images and their corners lie farther from where they are looked for.
+constexpr double kShare = 0.5;  ///< of the way to the next corner, which has the rest
+/// Of the first rounds, which only have to find the corner: arms, and a blur that grows with the square,
+/// since large squares are found in reduced images and their corners lie farther from where they are looked
+/// for.
 constexpr double kFirstArmPx = 7, kFirstArmBlurs = 5;
 constexpr double kEdgeReach = 3.5;  ///< an edge is flat beyond so many blurs
 constexpr double kLeak = 1.5;       ///< the next edge is felt up to so many blurs before it
@@ -253,7 +254,8 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   Region region;
   const double square = std::abs(window.J.determinant()) / std::max(u.norm(), v.norm());
   const double blur = std::clamp(kFirstBlurOfSquare * square, kFirstBlur, kMostFirstBlur);
-  collect(grey, start, window, std::min(window.max_arm_px, std::max(kFirstArmPx, kFirstArmBlurs * blur)), blur, region);
+  collect(grey, start, window, std::min(window.max_arm_px, std::max(kFirstArmPx, kFirstArmBlurs * blur)),
+          blur, region);
   if (static_cast<int>(region.pixels.size()) < kMinPixels) return std::nullopt;
   double mean = 0;
   for (const Pixel& pixel : region.pixels) mean += pixel.grey / static_cast<double>(region.pixels.size());

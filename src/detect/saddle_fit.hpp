@@ -24,6 +24,8 @@ struct SaddleWindow {
   double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
+inline constexpr double kShortArmPx = 5;  ///< for a second try where the longer arms do not fit
+
 struct SaddleFit {
   Vec2 px;
   double sigma_px = 0;  ///< standard error of each coordinate (root of the mean variance)

@@ -63,7 +63,13 @@ std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
   std::vector<std::optional<RefinedCorner>> out;
   out.reserve(starts.size());
   for (const CornerStart& start : starts) {
-    const auto fit = fit_saddle(grey, start.px, start.window, noise);
+    auto fit = fit_saddle(grey, start.px, start.window, noise);
+    if (!fit) {
+      // Glare, or a strong bend: closer to the corner there is less of it.
+      SaddleWindow shorter = start.window;
+      shorter.max_arm_px = kShortArmPx;
+      fit = fit_saddle(grey, start.px, shorter, noise);
+    }
     out.push_back(fit ? std::optional(RefinedCorner{fit->px, fit->sigma_px}) : std::nullopt);
   }
   return out;
