@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "detect/bends.hpp"
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "detect/planar.hpp"
@@ -138,6 +140,7 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     px.insert(px.end(), q.px.begin(), q.px.end());
   }
   std::vector<Candidate> candidates;
+  std::map<int, SaddleWindow> windows;
   for (int i : consistent.index) {
     const PlacedQuad& tag = quads[static_cast<std::size_t>(i)];
     auto H = plane_at(quads, consistent.index, tag, 1 + board.spacing);
@@ -148,13 +151,14 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     }
     if (H) add_candidates(grey, board, tag, *H, candidates);
   }
+  for (const Candidate& c : candidates) windows[c.point] = c.start.window;
   const double noise = noise_level(grey, bounding_box(px, grey));
   double limit = 0;
   std::vector<Refined> corners = without_strays(refine(grey, candidates, noise), limit);
   add_missing(grey, board, quads, consistent.index, noise, corners);
-  for (const Refined& r : without_strays(std::move(corners), limit)) {
-    out.corners.push_back({r.point, r.px, r.sigma});
-  }
+  corners = without_strays(std::move(corners), limit);
+  refit_bent(grey, noise, windows, corners);
+  for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
   std::sort(out.corners.begin(), out.corners.end(),
             [](const Corner& a, const Corner& b) { return a.point < b.point; });
   if (out.corners.size() < 4) {

@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 
+#include "detect/bends.hpp"
 #include "detect/finders.hpp"
 #include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
@@ -139,6 +141,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
   const double margin = (1 - board.marker_m / board.square_m) / 2;
   std::vector<CornerStart> starts;
   std::vector<int> points;
+  std::map<int, SaddleWindow> windows;
   for (int r = 0; r + 1 < board.rows; ++r) {
     for (int c = 0; c + 1 < board.columns; ++c) {
       const auto H = plane_at(placed, Vec2(c, r));
@@ -157,6 +160,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
       window.max_misfit = 0.9;  // the markers around it say that it is a corner
       starts.push_back({*px, window});
       points.push_back(r * (board.columns - 1) + c);
+      windows[points.back()] = window;
     }
   }
   const auto refined = refine_corners(grey, starts, noise);
@@ -167,6 +171,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
   }
   double limit = 0;
   if (corners.size() >= kMinToCompare) corners = without_strays(std::move(corners), limit);
+  refit_bent(grey, noise, windows, corners);
   for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
   if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
     out.reason = fmt::format(
