@@ -14,7 +14,7 @@ namespace {
 /// median says nothing: a part without a rule to go by loses its corners.
 constexpr double kStrayFloor = 0.4, kStrayCap = 1.0;
 /// Share of a square (tag) that a prediction at the rim of a board may be wrong by itself on a wide lens.
-constexpr double kBend = 0.05;
+constexpr double kBend = 0.10;
 
 }  // namespace
 
