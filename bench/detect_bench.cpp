@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plumbline's detectors beside their peers, on rendered boards whose truth is known, on images without a
-// board and on photographs.  detect_bench [quick|full [PART_OF_A_NAME [alone]]] prints one JSON line for each
-// set and tool; bench/detect/run makes docs/detect.md's tables of them. Not a Google benchmark: recall and
-// error matter as much as time.
+// board and on photographs.  detect_bench [quick|short|full [PART_OF_A_NAME [alone]]] prints one JSON line
+// for each set and tool; bench/detect/run makes docs/detect.md's tables of them. Not a Google benchmark:
+// recall and error matter as much as time.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -163,7 +163,7 @@ bool is_square(const Subject& subject) {
   return board != nullptr && board->columns == board->rows;
 }
 
-void measure_renders(bool is_quick, const std::string& only) {
+void measure_renders(bool is_quick, bool is_short, const std::string& only) {
   for (const Subject& subject : subjects()) {
     std::uint64_t seed = 1;
     for (const Kind& kind : kinds()) {
@@ -174,14 +174,15 @@ void measure_renders(bool is_quick, const std::string& only) {
       if ((is_quick && is_large) ||
           ("render " + subject.name + " " + kind.name).find(only) == std::string::npos)
         continue;
-      const int n = is_quick ? 1 : is_large ? 1 : kind.name == "clean" ? 5 : 3;
+      const int n = is_quick || is_short ? 1 : is_large ? 1 : kind.name == "clean" ? 5 : 3;
       measure("render", subject, kind.name, shots(subject, kind, n, seed, is_quick));
     }
     for (const std::string& kind : empty_kinds()) {
       seed += 1000;
       if (is_square(subject) || ("empty " + subject.name + " " + kind).find(only) == std::string::npos)
         continue;
-      measure("empty", subject, kind, empty_shots(subject, kind, is_quick ? 1 : 2, seed, is_quick));
+      measure("empty", subject, kind,
+              empty_shots(subject, kind, is_quick || is_short || kind == "noise" ? 1 : 2, seed, is_quick));
     }
   }
 }
@@ -221,8 +222,10 @@ int main(int argc, char** argv) {
   const std::string only = argc > 2 ? argv[2] : "";
   g_peers = argc <= 3;
   cv::setNumThreads(1);
-  measure_renders(is_quick, only);
+  const bool is_short = argc > 1 && std::strcmp(argv[1], "short") == 0;
+  measure_renders(is_quick, is_short, only);
   const char* data = std::getenv("PLUMBLINE_DATA");
-  if (data != nullptr && *data != '\0') measure_photographs(data, is_quick ? 1 : g_peers ? 5 : 1000, only);
+  if (data != nullptr && *data != '\0')
+    measure_photographs(data, is_quick || is_short ? 1 : g_peers ? 5 : 1000, only);
   return 0;
 }

@@ -196,8 +196,8 @@ std::vector<Shot> empty_shots(const Subject& subject, const std::string& kind, i
     return out;
   }
   Rng rng(seed);
-  // findChessboardCorners takes minutes for 2 Mpx of noise.
-  const ImageSize size = scaled(kind == "noise" ? ImageSize{960, 600} : ImageSize{1920, 1200}, is_quick);
+  // findChessboardCorners takes a minute for 2 Mpx of noise.
+  const ImageSize size = scaled(kind == "noise" ? ImageSize{640, 400} : ImageSize{1920, 1200}, is_quick);
   for (int i = 0; i < n; ++i) {
     cv::Mat image(size.height, size.width, CV_8U, cv::Scalar(115));
     if (kind == "stripes") image = stripes(size, rng);

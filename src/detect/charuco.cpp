@@ -73,6 +73,8 @@ std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
 }
 
 constexpr int kMinCorners = 4;
+constexpr std::size_t kEnoughToJudge =
+    11;  ///< markers of which most lie as on the board, or it is another one
 constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
 
@@ -129,7 +131,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
   }
   std::set<int> ids;
   for (const PlacedQuad& q : placed.quads) ids.insert(q.id);
-  if (2 * n < ids.size()) {
+  if (ids.size() >= kEnoughToJudge && 2 * n < ids.size()) {
     out.reason =
         fmt::format("only {} of the {} markers found lie as on this board: it is another one", n, ids.size());
     return out;
