@@ -78,6 +78,40 @@ constexpr std::size_t kEnoughToJudge =
 constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
 
+struct Candidates {
+  std::vector<CornerStart> starts;
+  std::vector<int> points;
+  std::map<int, SaddleWindow> windows;  ///< by point
+};
+
+/// Where the markers say that corners are, and which pixels around them are clean.
+Candidates candidates(const cv::Mat& grey, const Charuco& board, const Placement& placed) {
+  const double margin = (1 - board.marker_m / board.square_m) / 2;
+  Candidates out;
+  for (int r = 0; r + 1 < board.rows; ++r) {
+    for (int c = 0; c + 1 < board.columns; ++c) {
+      const auto H = plane_at(placed, Vec2(c, r));
+      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
+      if (!px) continue;
+      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
+      const double height = narrow_height(J), reach = margin * height;
+      if (reach < kMinReach) continue;
+      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
+      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
+        continue;
+      SaddleWindow window{J};
+      // The squares' own edges are clean along their whole length; the markers stand beside them.
+      window.across = margin;
+      window.max_move_px = std::max(1.5, 0.2 * height);
+      window.max_misfit = 0.9;  // the markers around it say that it is a corner
+      out.starts.push_back({*px, window});
+      out.points.push_back(r * (board.columns - 1) + c);
+      out.windows[out.points.back()] = window;
+    }
+  }
+  return out;
+}
+
 /// Four corners on a line say nothing about a camera.
 bool spans_plane(const std::vector<Corner>& corners, int columns) {
   const auto at = [&](const Corner& c) { return Vec2(c.point % columns, c.point / columns); };
@@ -140,31 +174,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
   for (int i : placed.consistent.index)
     for (const Vec2& p : placed.quads[static_cast<std::size_t>(i)].px) all_px.push_back(p);
   const double noise = noise_level(grey, bounding_box(all_px, grey));
-  const double margin = (1 - board.marker_m / board.square_m) / 2;
-  std::vector<CornerStart> starts;
-  std::vector<int> points;
-  std::map<int, SaddleWindow> windows;
-  for (int r = 0; r + 1 < board.rows; ++r) {
-    for (int c = 0; c + 1 < board.columns; ++c) {
-      const auto H = plane_at(placed, Vec2(c, r));
-      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-      if (!px) continue;
-      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
-      const double height = narrow_height(J), reach = margin * height;
-      if (reach < kMinReach) continue;
-      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
-      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
-        continue;
-      SaddleWindow window{J};
-      // The squares' own edges are clean along their whole length; the markers stand beside them.
-      window.across = margin;
-      window.max_move_px = std::max(1.5, 0.2 * height);
-      window.max_misfit = 0.9;  // the markers around it say that it is a corner
-      starts.push_back({*px, window});
-      points.push_back(r * (board.columns - 1) + c);
-      windows[points.back()] = window;
-    }
-  }
+  const auto [starts, points, windows] = candidates(grey, board, placed);
   const auto refined = refine_corners(grey, starts, noise);
   std::vector<Refined> corners;
   for (std::size_t i = 0; i < refined.size(); ++i) {
