@@ -64,7 +64,7 @@ void parallel_for(int n, int n_threads, const std::function<void(int)>& body) {
 namespace {
 
 // Waking a sleeping thread takes longer than many a loop, so a thread that waits looks for a while by itself.
-constexpr int kLooks = 1000;
+constexpr int kLooks = 5000;
 template <class Ready>
 void look_for(int looks, Ready&& ready) {
   while (looks-- > 0 && !ready()) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "plumbline/geometry/so3.hpp"
 
@@ -170,7 +171,7 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
   const int n_x = mrcal_num_measurements(n_obs, 0, problem.lattice.columns, problem.lattice.rows, n_cams,
                                          n_cams - 1, n_frames, 0, 0, selections, &problem.model);
   std::vector<double> x(n_x);
-  double rms = INFINITY;
+  double rms = INFINITY, norm = INFINITY;
   for (int round = 0; round < solve.max_rounds; ++round) {
     const mrcal_stats_t stats = mrcal_optimize(
         nullptr, 0, x.data(), n_x * static_cast<int>(sizeof(double)), intrinsics.data(), extrinsics.data(),
@@ -179,9 +180,12 @@ std::optional<double> optimise(Problem& problem, Solve solve) {
         problem.image_sizes.data(), selections, &constants, problem.lattice.spacing_m,
         problem.lattice.columns, problem.lattice.rows, false, false);
     if (!(stats.rms_reproj_error__pixels >= 0)) return std::nullopt;
-    const double next = rms_of(problem, x);
-    const bool done = !(next < rms * (1 - 1e-12));
-    rms = std::min(rms, next);
+    rms = rms_of(problem, x);
+    // Of everything that mrcal minimises: with regularisation the corners' share may rise while the sum
+    // falls.
+    const double next = std::sqrt(std::inner_product(x.begin(), x.end(), x.begin(), 0.0));
+    const bool done = !(next < norm * (1 - 1e-12));
+    norm = next;
     if (done) break;
   }
   if (problem.warp_m) problem.warp_m = Vec2(warp.values[0], warp.values[1]);

@@ -11,7 +11,7 @@ namespace plumbline::detail {
 SolveReport solve_blocks(Calibration& calibration, const SolveSpec& spec);
 
 /// False when some but not all components of a camera's rotation vector are held: such a rotation is stepped
-/// in other coordinates, which only solve_ceres() knows; for clocks; and for more than 6000 shared
+/// in other coordinates, which only solve_ceres() knows; for clocks; and for more than 3000 shared
 /// parameters, as several cameras with fine splines have.
 bool block_solver_can(const Calibration& calibration, const SolveSpec& spec);
 

@@ -177,8 +177,11 @@ Result<detail::ChosenLenses> detail::choose_with_fits(const Dataset& data, const
     trials.push_back(*std::move(tried));
     rows.push_back(rows_of(trials.back()));
     if (!simplest(rows.back())) {
-      return Error{ErrorCode::kNotConverged, "no lens predicts the views that are left out",
-                   "camera " + data.cameras[cam].name};
+      std::string why = "no lens predicts the views that are left out";
+      for (const LensTry& row : rows.back()) {
+        if (!row.reason.empty()) why += fmt::format("; {}: {}", row.lens, row.reason);
+      }
+      return Error{ErrorCode::kNotConverged, why, "camera " + data.cameras[cam].name};
     }
   }
   const std::string common = rows.empty() ? "" : common_lens(rows);

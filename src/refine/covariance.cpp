@@ -167,4 +167,39 @@ SharedCovariance shared_covariance(const Calibration& cal, const SolveSpec& spec
   return result;
 }
 
+double residual_variance(const Calibration& cal, const SolveSpec& spec) {
+  if (std::none_of(cal.rig.cameras.begin(), cal.rig.cameras.end(),
+                   [](const Camera& camera) { return is_sparse(camera.lens); }))
+    return shared_covariance(cal, spec).variance;
+  const Offsets offsets = offsets_of(cal);
+  SolveSpec dense = spec;  // with the control points held
+  dense.held.resize(static_cast<std::size_t>(offsets.total), false);
+  for (std::size_t cam = 0; cam < cal.rig.cameras.size(); ++cam) {
+    const Lens& lens = cal.rig.cameras[cam].lens;
+    if (is_sparse(lens)) std::fill_n(dense.held.begin() + offsets.lens[cam], n_params(lens), true);
+  }
+  const Reduction reduction = reduction_of(dense, offsets.total);
+  const PriorScatter scatter = scatter_of(prior_rows(cal, spec), reduction);
+  std::vector<bool> seen(cal.T_rig_board.size(), false);
+  Calibration now = cal;
+  evaluate(now);
+  double sum = 0;
+  int n = 0;
+  for (std::size_t v = 0; v < cal.data.views.size(); ++v) {
+    if (!takes_part(cal, v)) continue;
+    const View& view = cal.data.views[v];
+    for (std::size_t i = 0; i < view.corners.size(); ++i) {
+      if (cal.fits[v][i].outlier) continue;
+      const double weight = spec.use_sigma ? 1 / view.corners[i].sigma_px : 1.0;
+      sum +=
+          rho(spec.loss, spec.loss_scale, weight * weight * now.fits[v][i].residual_px.squaredNorm()).value;
+      n += 2;
+      seen[static_cast<std::size_t>(view.frame)] = true;
+    }
+  }
+  const auto n_frames = static_cast<int>(std::count(seen.begin(), seen.end(), true));
+  const int n_known = n + scatter.n, n_free = reduction.n_free + 6 * n_frames;
+  return n_known > n_free ? (sum / spec.variance_kept + scatter.sum) / (n_known - n_free) : 0.0;
+}
+
 }  // namespace plumbline::detail

@@ -119,6 +119,9 @@ std::optional<Constrained> constrained_fit(const Calibration& free, const SolveS
 
 // Of one residual coordinate.
 double variance_of(const Calibration& cal, const SolveSpec& spec, const SolveReport& report) {
+  for (const Camera& camera : cal.rig.cameras) {
+    if (is_sparse(camera.lens)) return residual_variance(cal, spec);  // the cost has its regularisation too
+  }
   const Reduction reduction = reduction_of(spec, offsets_of(cal).total);
   const PriorRows priors = prior_rows(cal, spec);
   const PriorScatter scatter = scatter_of(priors, reduction);

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "refine/block_solve.hpp"
 #include "refine/rig_graph.hpp"
 #include "refine/solve.hpp"
 
@@ -171,6 +172,23 @@ Status check_held_without_start(const Calibration& empty, const Constraints& con
     }
     if (n_held == 6 && n_given == 0)
       return refusal("a whole pose cannot be held without numbers for it; ", at);
+  }
+  return {};
+}
+
+Status check_ties_beside_spline(const Calibration& cal, const SolveSpec& spec) {
+  if (spec.solver == Solver::kBlocks && block_solver_can(cal, spec)) return {};
+  bool tied = false;
+  for (int i = 0; i < static_cast<int>(spec.tied_to.size()); ++i)
+    tied |= spec.tied_to[i] != i && (spec.held.empty() || !spec.held[i]);
+  for (const Camera& camera : cal.rig.cameras) {
+    if (!tied || !is_sparse(camera.lens)) continue;
+    return Error{
+        ErrorCode::kUnsupported,
+        "ties beside a splined lens need the block solver, which takes neither rotations that are held in "
+        "part nor more than 3000 shared parameters; leave out the tie, hold the whole rotation, or choose "
+        "a coarser spline",
+        "camera " + camera.name};
   }
   return {};
 }

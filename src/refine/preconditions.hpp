@@ -32,4 +32,8 @@ Status still_together(const Calibration& calibration, const Constraints& constra
 Status check_held_without_start(const Calibration& empty, const Constraints& constraints,
                                 const RefineOptions& options);
 
+/// Ceres knows no ties in a rig with a splined lens, and some such rigs only Ceres can solve: kUnsupported
+/// says why.
+Status check_ties_beside_spline(const Calibration& calibration, const SolveSpec& spec);
+
 }  // namespace plumbline::detail

@@ -111,7 +111,7 @@ void robust_solve(Calibration& cal, const RefineOptions& options, const Constrai
 bool weigh_priors(const Calibration& cal, SolveSpec& spec) {
   constexpr double kLeastPx = 1e-4, kSame = 1e-6;  // data without noise would leave the priors no weight
   if (spec.priors.empty()) return false;
-  const double noise = std::max(kLeastPx, std::sqrt(shared_covariance(cal, spec).variance));
+  const double noise = std::max(kLeastPx, std::sqrt(residual_variance(cal, spec)));
   const bool changed = std::abs(noise - spec.prior_weight) > kSame * noise;
   spec.prior_weight = noise;
   return changed;
@@ -161,6 +161,7 @@ Result<Calibration> finish(Calibration cal, const RefineOptions& options, Constr
                         .solver = options.solver,
                         .n_threads = options.n_threads},
                        constraints);
+  if (auto status = check_ties_beside_spline(cal, spec); !status) return status.error();
   if (options.mark_outliers)
     mark_outliers(cal, options);
   else if (auto error = unprojectable(cal))

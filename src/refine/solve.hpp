@@ -137,6 +137,11 @@ struct SharedCovariance {
 };
 SharedCovariance shared_covariance(const Calibration& calibration, const SolveSpec& spec);
 
+/// The variance of one residual coordinate, as above. In a rig with a splined lens, whose control points the
+/// corners do not determine one by one, without a covariance: those then do not count as unknowns, which
+/// makes it too small by their share of the residuals, and the lens' regularisation is no residual.
+double residual_variance(const Calibration& calibration, const SolveSpec& spec);
+
 /// Holds fx fy cx cy of the lenses whose other parameters can express them.
 void hold_cores(const Rig& rig, std::vector<bool>& held);
 

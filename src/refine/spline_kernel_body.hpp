@@ -111,7 +111,7 @@ inline __attribute__((always_inline)) void add_control(const SplineInput& in, co
   for (int j = 0; j < kN; ++j) {
     const Four w = at.weight[j];  // of x and y in turn, as the control points lie in memory
     const Four left = f * Four{w[0], w[0], w[1], w[1]}, right = f * Four{w[2], w[2], w[3], w[3]};
-    double* out = control + in.row_of_knots[first_y + j] + 2 * first_x;
+    double* out = control + (in.row_of_knots[first_y + j] + 2 * first_x);
 #pragma GCC unroll 11
     for (int c = 0; c < kColumns; ++c) {
       const Four a = {rows.T[0][c], rows.T[1][c], rows.T[0][c], rows.T[1][c]};

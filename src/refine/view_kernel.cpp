@@ -30,7 +30,7 @@ bool in_domain(const Lens& lens, const KernelAnswer& answer) {
 
 }  // namespace
 
-ViewCorners view_corners(const std::vector<Observation>& observations, const ViewCorners* like, bool bowed) {
+ViewCorners view_corners(const std::vector<Observation>& observations, bool bowed) {
   ViewCorners corners;
   corners.n = static_cast<int>(observations.size());
   corners.bowed = bowed;
@@ -46,10 +46,7 @@ ViewCorners view_corners(const std::vector<Observation>& observations, const Vie
     corners.px[i] = o.px.x();
     corners.px[n + i] = o.px.y();
   }
-  if (like && like->n == corners.n && *like->points == points)
-    corners.points = like->points;
-  else
-    corners.points = std::make_shared<const std::vector<double>>(std::move(points));
+  corners.points = std::make_shared<const std::vector<double>>(std::move(points));
   return corners;
 }
 

@@ -26,9 +26,7 @@ struct ViewCorners {
   int n_padded() const { return (n + kPad - 1) / kPad * kPad; }
 };
 
-/// \param like  corners of another view, whose points are shared when they are the same; may be null
-ViewCorners view_corners(const std::vector<Observation>& observations, const ViewCorners* like = nullptr,
-                         bool bowed = false);
+ViewCorners view_corners(const std::vector<Observation>& observations, bool bowed = false);
 
 /// What one view asks of the kernel.
 struct ViewQuestion {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <set>
 #include <utility>
@@ -119,12 +120,14 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
   std::vector<int> frame_of(more.frames.size(), -1);
   std::set<std::string> there;
   std::vector<std::pair<const View*, double>> replaced;
+  std::map<const View*, double> kept_s;  // of the image that a view without a time takes the place of
   for (const View& view : more.views) {
     const int cam = (*cameras)[view.cam];
     std::erase_if(cal.data.views, [&](const View& other) {
       if (other.cam != cam || other.image != view.image) return false;
       there.insert(view.image);
       if (view.time_s && other.time_s) replaced.emplace_back(&view, *other.time_s);
+      if (!view.time_s && other.time_s) kept_s[&view] = *other.time_s;
       frame_of[view.frame] = other.frame;
       cal.T_rig_board[other.frame].reset();
       return true;
@@ -142,7 +145,8 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
   }
   const auto shift_s = time_shift_s(old.data, more, replaced);
   if (!shift_s) return shift_s.error();
-  for (View view : more.views) {
+  for (const View& added : more.views) {
+    View view = added;
     int& frame = frame_of[view.frame];
     if (frame < 0) {
       frame = static_cast<int>(cal.data.frames.size());
@@ -150,6 +154,7 @@ Result<Calibration> add_views(const Calibration& old, const Dataset& more, bool 
       cal.T_rig_board.emplace_back();
     }
     if (view.time_s) *view.time_s += *shift_s;
+    if (const auto kept = kept_s.find(&added); kept != kept_s.end()) view.time_s = kept->second;
     view.cam = (*cameras)[view.cam];
     view.frame = frame;
     view.target = (*targets)[view.target];

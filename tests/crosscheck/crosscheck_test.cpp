@@ -188,6 +188,35 @@ TEST(Crosscheck, AFisheyeIsComparedWithTheSplinedLens) {
   }
 }
 
+// Ours is mrcal's lens: both must find one optimum of all control points, each with mrcal's regularisation.
+TEST(Crosscheck, ASplinedLensIsSolvedByMrcalToo) {
+  const Calibration truth = simulated(board(), "kb4", 2, 0.1, 120);
+  RefineOptions options;
+  options.mark_outliers = false;
+  options.lenses = {"splined:10x9:150"};
+  const auto cal = calibrate(truth.data, options);
+  ASSERT_TRUE(cal) << cal.error().text();
+  const auto check = crosscheck_mrcal(*cal);
+  ASSERT_TRUE(check) << check.error().text();
+  for (const CameraCrosscheck& camera : check->cameras) {
+    EXPECT_EQ(camera.referee_lens, "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=9_fov_x_deg=150");
+    EXPECT_NEAR(camera.rms_px, camera.referee_rms_px, 1e-6);
+    EXPECT_LT(camera.diff_px.max, 2e-3);  // where mrcal's thresholds stop it
+    EXPECT_GT(camera.diff_px.compared_fraction, 0.3);
+    double largest = 0;
+    for (std::size_t i = 4; i < camera.referee_parameters.size(); ++i)
+      largest = std::max(largest, std::abs(camera.referee_parameters[i]));
+    EXPECT_GT(largest, 1e-3);  // the stereographic lens alone would not do
+  }
+  EXPECT_NEAR(check->rms_px, check->referee_rms_px, 1e-6);
+  Calibration bent = *cal;
+  const auto k = params(bent.rig.cameras[0].lens);
+  for (std::size_t i = 4; i < k.size(); ++i) k[i] += i % 4 < 2 ? 1e-3 : -1e-3;
+  const auto planted = crosscheck_mrcal(bent);
+  ASSERT_TRUE(planted) << planted.error().text();
+  EXPECT_GT(planted->rms_px, planted->referee_rms_px + 0.01);
+}
+
 TEST(Crosscheck, APlantedErrorInAFisheyeShows) {
   Calibration cal = refined(simulated(board(), "kb4", 1, 0.1, 140));
   params(cal.rig.cameras[0].lens)[0] += 1;

@@ -239,6 +239,33 @@ TEST(CalibrateSplined, ANarrowViewWithSomePlainCamera) {
   EXPECT_EQ(refused.error().code, ErrorCode::kUnsupported);
 }
 
+// A prior of the rig weighs by the corners' noise, which a spline's control points must not hide.
+TEST(CalibrateSplined, WithPriorsAndTiesOfTheRigBesideIt) {
+  const Simulation sim =
+      simulate({.lenses = {example_lens("opencv5"), example_lens("opencv5")}, .n_frames = 15, .seed = 6});
+  RefineOptions options;
+  options.lenses = {"splined:10x8:90", "opencv5"};
+  options.priors = {{"cam1 fx", 540, 0.5}};
+  options.ties = {"cam1 fx=cam1 fy"};
+  const Dataset data = with_noise(sim.truth.data, 0.1, 2);
+  const auto cal = calibrate(data, options);
+  ASSERT_TRUE(cal) << cal.error().text();
+  const auto k = params(cal->rig.cameras[1].lens);
+  EXPECT_EQ(k[0], k[1]);
+  options.priors.clear();
+  const auto without = calibrate(data, options);
+  ASSERT_TRUE(without) << without.error().text();
+  const double free = params(without->rig.cameras[1].lens)[0];
+  EXPECT_GT(std::abs(free - 540), 3);
+  EXPECT_GT(std::abs(k[0] - free), 0.02) << "the prior must be felt";
+  EXPECT_LT(std::abs(k[0] - free), std::abs(540 - free)) << "and not rule alone";
+  options.solver = Solver::kCeres;
+  const auto refused = calibrate(data, options);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kUnsupported);
+  EXPECT_THAT(refused.error().text(), testing::HasSubstr("block solver"));
+}
+
 TEST(CalibrateSplined, HoldsTheCore) {
   Calibration start = start_of(wide_scene(8), "splined:9x8:130", 0.2);
   const auto refined = refine(start, {});

@@ -74,7 +74,7 @@ TYPED_TEST(ViewKernel, SumsWhatCeresCostSays) {
     const VecX scale = expected.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     std::vector<Observation> lifted = list;
     for (Observation& o : lifted) o.p_board.z() += bow_m.dot(o.bow_shape);
-    const ViewCorners corners = view_corners(lifted, nullptr, bowed);
+    const ViewCorners corners = view_corners(lifted, bowed);
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> R = T.R();
     const Vec3 t = T.t();
     for (const KernelSet* set : kernel_sets_here()) {
@@ -149,7 +149,7 @@ TEST(ViewKernelFunction, LossesAreThoseOfTheReference) {
                     Vec2(rng.uniform(0, 1), rng.uniform(0, 1))});
   }
   const Vec2 bow_m(0.01, -0.02);
-  const ViewCorners corners = view_corners(list, nullptr, true);
+  const ViewCorners corners = view_corners(list, true);
   const Lens any = lens;
   for (const Loss loss : {Loss::kHuber, Loss::kCauchy}) {
     Gram gram;
@@ -212,7 +212,7 @@ TEST(ViewKernelFunction, MixesTwoStates) {
     MatX J_a, J_b;
     evaluate(a, T_a, bow_a, r_a, J_a);
     evaluate(b, T_b, bow_b, r_b, J_b);
-    const ViewCorners corners = view_corners(list, nullptr, bowed);
+    const ViewCorners corners = view_corners(list, bowed);
     const auto mixed = accumulate_second({a, T_a, corners, Loss::kSquared, 1, bow_a}, b, T_b, bow_b);
     ASSERT_TRUE(mixed);
     ASSERT_EQ(mixed->size(), n);

@@ -108,6 +108,16 @@ TEST(AddViews, ReplacedImagesKeepTheirTimes) {
   ASSERT_TRUE(cal) << cal.error().text();
   for (const View& view : cal->data.views)
     EXPECT_NEAR(*view.time_s, 0.5 + 0.04 * view.frame + 0.003 * view.cam, 1e-12) << view.image;
+  Dataset untimed = more;  // detected again, and nobody says when
+  for (View& view : untimed.views) view.time_s.reset();
+  const auto kept = add_views(old, untimed, true);
+  ASSERT_TRUE(kept) << kept.error().text();
+  for (const View& view : kept->data.views) {
+    ASSERT_EQ(view.time_s.has_value(), view.frame < 6) << view.image;
+    if (view.time_s) {
+      EXPECT_NEAR(*view.time_s, 0.5 + 0.04 * view.frame + 0.003 * view.cam, 1e-12) << view.image;
+    }
+  }
   *more.views[3].time_s += 0.01;
   EXPECT_THAT(add_views(old, more, true).error().text(),
               testing::AllOf(HasSubstr("left03.png"), HasSubstr("0.130000 s"), HasSubstr("0.120000 s")));
