@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "detect/bends.hpp"
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "detect/planar.hpp"
@@ -14,7 +16,7 @@ namespace plumbline::detail {
 namespace {
 
 constexpr int kMinTags = 4;
-constexpr double kMinClean = 3.4;  ///< [px] around a corner, see add_candidate
+constexpr double kMinClean = 1.6;  ///< [px] beside an edge, see add_candidate
 
 /// Board in units of the tag's size, Kalibr's axes (y up), counted from point 0.
 std::vector<PlacedQuad> place(const AprilGrid& board, const std::vector<Marker>& tags) {
@@ -60,15 +62,18 @@ void add_candidate(const cv::Mat& grey, const AprilGrid& board, const PlacedQuad
   // Inside the tag's border (0.2 wide) and inside the small square (`spacing` wide) it is black, beside them
   // white.
   const double clean = std::min(0.2, board.spacing);
-  // Narrower than that and the smallest window sees the border's other edge: such a corner is wrong by
-  // pixels.
-  const double reach = clean * window_reach(J);
-  if (reach < kMinClean) return;
+  // Narrower than that and the edge is not told from the border's other edge.
+  if (clean * height < kMinClean) return;
   const Vec2 u = J.col(0) * (0.5 * clean), v = J.col(1) * (k % 2 == 0 ? 0.5 * clean : -0.5 * clean);
   if (saddle_contrast(grey, start, u, v) > -8) return;
-  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k),
-                 tag.board[k],
-                 {start, half_window(0.9 * reach), std::max(1.5, 0.5 * gap)}});
+  SaddleWindow window{J};
+  window.across = clean;
+  window.max_move_px = std::max(1.5, 0.5 * gap);
+  // Into the tag its own edge runs on; the other way the small square ends with the gap.
+  const bool tag_is_right = k == 0 || k == 3, tag_is_up = k == 0 || k == 1;
+  window.low = Vec2(tag_is_right ? -board.spacing : -1, tag_is_up ? -board.spacing : -1);
+  window.high = Vec2(tag_is_right ? 1 : board.spacing, tag_is_up ? 1 : board.spacing);
+  out.push_back({(tag.id - board.first_id) * 4 + static_cast<int>(k), tag.board[k], {start, window}});
 }
 
 /// Starts for the four corners of a tag. `H` maps from the tag's centre.
@@ -135,6 +140,7 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     px.insert(px.end(), q.px.begin(), q.px.end());
   }
   std::vector<Candidate> candidates;
+  std::map<int, SaddleWindow> windows;
   for (int i : consistent.index) {
     const PlacedQuad& tag = quads[static_cast<std::size_t>(i)];
     auto H = plane_at(quads, consistent.index, tag, 1 + board.spacing);
@@ -145,13 +151,14 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     }
     if (H) add_candidates(grey, board, tag, *H, candidates);
   }
+  for (const Candidate& c : candidates) windows[c.point] = c.start.window;
   const double noise = noise_level(grey, bounding_box(px, grey));
   double limit = 0;
   std::vector<Refined> corners = without_strays(refine(grey, candidates, noise), limit);
   add_missing(grey, board, quads, consistent.index, noise, corners);
-  for (const Refined& r : without_strays(std::move(corners), limit)) {
-    out.corners.push_back({r.point, r.px, r.sigma});
-  }
+  corners = without_strays(std::move(corners), limit);
+  refit_bent(grey, noise, windows, corners);
+  for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
   std::sort(out.corners.begin(), out.corners.end(),
             [](const Corner& a, const Corner& b) { return a.point < b.point; });
   if (out.corners.size() < 4) {
@@ -160,7 +167,7 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& board, const
     out.corners.clear();
     return out;
   }
-  out.method = "AprilTag and ArUco, cornerSubPix";
+  out.method = "AprilTag and ArUco, saddle fit";
   return out;
 }
 

@@ -62,7 +62,7 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   }
   if (!out.corners.empty()) {
     const std::string_view open = layout == Charuco::Layout::kLegacy ? ", layout legacy" : ", layout current";
-    out.method = fmt::format("markers{}, cornerSubPix", has_open ? open : "");
+    out.method = fmt::format("markers{}, saddle fit", has_open ? open : "");
   }
   if (out.corners.empty())
     out.reason = fmt::format("none of {} parts found: {}", rig.parts.size(), join(reasons, "; "));

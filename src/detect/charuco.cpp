@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
+#include "detect/bends.hpp"
 #include "detect/finders.hpp"
 #include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
@@ -69,27 +72,45 @@ std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
   return fit_plane(from, to);
 }
 
-constexpr int kSteps = 8;  ///< along a marker's side
+constexpr int kMinCorners = 4;
+constexpr std::size_t kEnoughToJudge =
+    11;  ///< markers of which most lie as on the board, or it is another one
+constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
+constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
 
-/// How far an upright window around a corner is clean of marker edges and of the next squares [px].
-double clean_reach(const Mat3& H, double margin) {
-  const Mat2 J = map_jacobian(H, Vec2(0, 0));
-  double reach = 1e9;
-  for (int k = 0; k < 4; ++k) {
-    const Vec2 direction((k & 1) != 0 ? 1 : -1, (k & 2) != 0 ? 1 : -1);
-    // Along the two sides of the marker in that square: seen obliquely its corner is not what is nearest.
-    for (int i = 0; i <= kSteps; ++i) {
-      const double t = margin + (1 - 2 * margin) * i / kSteps;
-      reach = std::min({reach, (J * direction.cwiseProduct(Vec2(t, margin))).lpNorm<Eigen::Infinity>(),
-                        (J * direction.cwiseProduct(Vec2(margin, t))).lpNorm<Eigen::Infinity>()});
+struct Candidates {
+  std::vector<CornerStart> starts;
+  std::vector<int> points;
+  std::map<int, SaddleWindow> windows;  ///< by point
+};
+
+/// Where the markers say that corners are, and which pixels around them are clean.
+Candidates candidates(const cv::Mat& grey, const Charuco& board, const Placement& placed) {
+  const double margin = (1 - board.marker_m / board.square_m) / 2;
+  Candidates out;
+  for (int r = 0; r + 1 < board.rows; ++r) {
+    for (int c = 0; c + 1 < board.columns; ++c) {
+      const auto H = plane_at(placed, Vec2(c, r));
+      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
+      if (!px) continue;
+      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
+      const double height = narrow_height(J), reach = margin * height;
+      if (reach < kMinReach) continue;
+      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
+      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
+        continue;
+      SaddleWindow window{J};
+      // The squares' own edges are clean along their whole length; the markers stand beside them.
+      window.across = margin;
+      window.max_move_px = std::max(1.5, 0.2 * height);
+      window.max_misfit = 0.9;  // the markers around it say that it is a corner
+      out.starts.push_back({*px, window});
+      out.points.push_back(r * (board.columns - 1) + c);
+      out.windows[out.points.back()] = window;
     }
   }
-  return std::min(reach - 1, 0.42 * window_reach(J));
+  return out;
 }
-
-constexpr int kMinCorners = 4;
-constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
-constexpr double kMinReach = 2.0;          ///< [px] clean around a corner, or its window sees a marker
 
 /// Four corners on a line say nothing about a camera.
 bool spans_plane(const std::vector<Corner>& corners, int columns) {
@@ -142,28 +163,18 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
     out.reason = fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
     return out;
   }
+  std::set<int> ids;
+  for (const PlacedQuad& q : placed.quads) ids.insert(q.id);
+  if (ids.size() >= kEnoughToJudge && 2 * n < ids.size()) {
+    out.reason =
+        fmt::format("only {} of the {} markers found lie as on this board: it is another one", n, ids.size());
+    return out;
+  }
   std::vector<Vec2> all_px;
   for (int i : placed.consistent.index)
     for (const Vec2& p : placed.quads[static_cast<std::size_t>(i)].px) all_px.push_back(p);
   const double noise = noise_level(grey, bounding_box(all_px, grey));
-  const double margin = (1 - board.marker_m / board.square_m) / 2;
-  std::vector<CornerStart> starts;
-  std::vector<int> points;
-  for (int r = 0; r + 1 < board.rows; ++r) {
-    for (int c = 0; c + 1 < board.columns; ++c) {
-      const auto H = plane_at(placed, Vec2(c, r));
-      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-      if (!px) continue;
-      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
-      const double reach = clean_reach(*H, margin);
-      if (reach < kMinReach) continue;
-      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
-      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
-        continue;
-      starts.push_back({*px, half_window(reach), std::max(1.5, 0.12 * narrow_height(J))});
-      points.push_back(r * (board.columns - 1) + c);
-    }
-  }
+  const auto [starts, points, windows] = candidates(grey, board, placed);
   const auto refined = refine_corners(grey, starts, noise);
   std::vector<Refined> corners;
   for (std::size_t i = 0; i < refined.size(); ++i) {
@@ -172,6 +183,7 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
   }
   double limit = 0;
   if (corners.size() >= kMinToCompare) corners = without_strays(std::move(corners), limit);
+  refit_bent(grey, noise, windows, corners);
   for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
   if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
     out.reason = fmt::format(
@@ -180,9 +192,9 @@ Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
     out.corners.clear();
     return out;
   }
-  out.method = fmt::format("ArUco{}, cornerSubPix", board.rows % 2 != 0 ? ""
-                                                    : is_legacy         ? ", layout legacy"
-                                                                        : ", layout current");
+  out.method = fmt::format("ArUco{}, saddle fit", board.rows % 2 != 0 ? ""
+                                                  : is_legacy         ? ", layout legacy"
+                                                                      : ", layout current");
   return out;
 }
 

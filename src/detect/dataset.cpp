@@ -130,7 +130,7 @@ Status check_found(const std::vector<CameraImages>& cameras, const std::vector<J
   return {};
 }
 
-/// "chessboard: cornerSubPix; found by SB: left 2 of 13": which methods the corners of one target come from,
+/// "chessboard: saddle fit": which methods the corners of one target come from,
 /// camera by camera where they differ.
 std::string remark(const std::vector<CameraImages>& cameras, const std::vector<Job>& jobs,
                    const std::vector<Target>& targets, int target) {

@@ -13,7 +13,4 @@ Detection detect_charuco(const cv::Mat& grey, const Charuco& board);
 Detection detect_aprilgrid(const cv::Mat& grey, const AprilGrid& board);
 Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target);
 
-/// Appears in Detection::method when findChessboardCorners failed and findChessboardCornersSB did not.
-inline constexpr const char* kFoundBySb = "SB, then cornerSubPix";
-
 }  // namespace plumbline::detail

@@ -2,6 +2,7 @@
 #include "detect/strays.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "detect/planar.hpp"
 #include "plumbline/core/linalg.hpp"
@@ -12,6 +13,8 @@ namespace {
 /// Bounds [px] of the limit for strays. The upper one holds where most corners of a part are wrong and their
 /// median says nothing: a part without a rule to go by loses its corners.
 constexpr double kStrayFloor = 0.4, kStrayCap = 1.0;
+/// Share of a square (tag) that a prediction at the rim of a board may be wrong by itself on a wide lens.
+constexpr double kBend = 0.10;
 
 }  // namespace
 
@@ -51,7 +54,9 @@ std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& a
 std::vector<Refined> without_strays(std::vector<Refined> corners, double& limit) {
   const auto error_of = [&](const Refined& r) {
     const auto predicted = predict(corners, r.board, r.point);
-    return predicted ? (predicted->px - r.px).norm() : 1e9;
+    if (!predicted) return 1e9;
+    const double bend = kBend * std::sqrt(std::abs(predicted->J.determinant()));
+    return std::max(0.0, (predicted->px - r.px).norm() - bend);
   };
   std::vector<double> error;
   for (const Refined& r : corners) error.push_back(error_of(r));

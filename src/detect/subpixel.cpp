@@ -3,60 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <opencv2/imgproc.hpp>
 
 namespace plumbline::detail {
-namespace {
-
-/// The image is smoothed before cornerSubPix, whose differences of a sharp edge alias: with a window of +-8
-/// px the mean error on rendered boards falls from 0.03 to 0.02 px. Not more than this, or the window's
-/// neighbours leak in.
-constexpr double kBlurOfWindow = 0.125, kMaxBlur = 1.0;
-
-/// What noise does not explain (aliasing, the edges' bend inside the window) and what the error formula
-/// leaves out (the smoothing, the correlation of neighbouring differences), for a window of +-1 px; both fall
-/// with the root of the window. Set on rendered boards, where the errors are known: docs/detect.md has the
-/// table.
-constexpr double kSystematic = 0.045, kNoiseGain = 2.05;
-
-/// Standard error of the point q that solves sum w g g' (q - p) = 0 over a window (cv::cornerSubPix, after
-/// Foerstner and Guelch 1987). With noise of deviation s in every pixel, the gradient g by central
-/// differences has noise s / sqrt 2 in each part; along an edge g0' (q - p) vanishes, so what is left is w g0
-/// dg' (q - p), and cov = M^-1 (sum w^2 g0 g0' |q - p|^2 s^2 / 2) M^-1 with M = sum w g0 g0'.
-std::optional<double> standard_error(const cv::Mat& grey, const Vec2& q, int half, double noise) {
-  Mat2 M = Mat2::Zero(), N = Mat2::Zero();
-  for (int dy = -half; dy <= half; ++dy) {
-    for (int dx = -half; dx <= half; ++dx) {
-      const Vec2 p(q.x() + dx, q.y() + dy);
-      const Vec2 g((sample(grey, p + Vec2(1, 0)) - sample(grey, p - Vec2(1, 0))) / 2,
-                   (sample(grey, p + Vec2(0, 1)) - sample(grey, p - Vec2(0, 1))) / 2);
-      const double x = static_cast<double>(dx) / half, y = static_cast<double>(dy) / half;
-      const double w = std::exp(-x * x - y * y);
-      M += w * g * g.transpose();
-      N += w * w * (dx * dx + dy * dy) * g * g.transpose();
-    }
-  }
-  const double det = M.determinant();
-  if (!(det > 1e-4 * M.trace() * M.trace())) return std::nullopt;  // one direction of edges only: no corner
-  Mat2 inverse;
-  inverse << M(1, 1), -M(0, 1), -M(1, 0), M(0, 0);
-  inverse /= det;
-  const Mat2 cov = inverse * N * inverse * (noise * noise / 2);
-  return std::sqrt((kNoiseGain * kNoiseGain * cov.trace() / 2 + kSystematic * kSystematic) / half);
-}
-
-bool fits(const cv::Mat& grey, const Vec2& p, int half) {
-  const double margin = half + 1;
-  return p.x() >= margin && p.y() >= margin && p.x() <= grey.cols - 1 - margin &&
-         p.y() <= grey.rows - 1 - margin;
-}
-
-}  // namespace
-
-int half_window(double reach_px) {
-  return std::clamp(static_cast<int>(std::floor(reach_px)), kMinHalfWindow, kMaxHalfWindow);
-}
 
 double sample(const cv::Mat& grey, const Vec2& p) {
   const double x = std::clamp(p.x(), 0.0, grey.cols - 1.0), y = std::clamp(p.y(), 0.0, grey.rows - 1.0);
@@ -112,28 +60,17 @@ double noise_level(const cv::Mat& grey, cv::Rect roi) {
 
 std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
                                                          std::span<const CornerStart> starts, double noise) {
-  std::vector<std::optional<RefinedCorner>> out(starts.size());
-  std::map<int, std::vector<std::size_t>> by_window;
-  for (std::size_t i = 0; i < starts.size(); ++i) {
-    if (fits(grey, starts[i].px, starts[i].half_window_px)) by_window[starts[i].half_window_px].push_back(i);
-  }
-  const cv::TermCriteria stop(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 40, 1e-3);
-  for (const auto& [half, members] : by_window) {
-    std::vector<cv::Point2f> points;
-    for (std::size_t i : members)
-      points.emplace_back(static_cast<float>(starts[i].px.x()), static_cast<float>(starts[i].px.y()));
-    const double blur = std::min(kBlurOfWindow * half, kMaxBlur);
-    cv::Mat smooth;
-    cv::GaussianBlur(grey, smooth, cv::Size(), blur);
-    cv::cornerSubPix(smooth, points, cv::Size(half, half), cv::Size(-1, -1), stop);
-    for (std::size_t k = 0; k < members.size(); ++k) {
-      const CornerStart& start = starts[members[k]];
-      const Vec2 q(points[k].x, points[k].y);
-      // cornerSubPix puts a corner that left its window back to where it started: it has not moved at all
-      // then, but a start that is exact to the last bit does not occur with photographs or matters as little.
-      if (!q.allFinite() || (q - start.px).norm() > start.max_move_px || !fits(grey, q, half)) continue;
-      if (const auto sigma = standard_error(grey, q, half, noise)) out[members[k]] = RefinedCorner{q, *sigma};
+  std::vector<std::optional<RefinedCorner>> out;
+  out.reserve(starts.size());
+  for (const CornerStart& start : starts) {
+    auto fit = fit_saddle(grey, start.px, start.window, noise);
+    if (!fit) {
+      // Glare, or a strong bend: closer to the corner there is less of it.
+      SaddleWindow shorter = start.window;
+      shorter.max_arm_px = kShortArmPx;
+      fit = fit_saddle(grey, start.px, shorter, noise);
     }
+    out.push_back(fit ? std::optional(RefinedCorner{fit->px, fit->sigma_px}) : std::nullopt);
   }
   return out;
 }

@@ -5,26 +5,21 @@
 #include <span>
 #include <vector>
 
+#include "detect/saddle_fit.hpp"
 #include "plumbline/core/types.hpp"
 
 namespace plumbline::detail {
 
-/// A point to be refined: where it is about, the half width of the window, how far it may move.
+/// A point to be refined: where it is about, and which pixels around it are its own.
 struct CornerStart {
   Vec2 px;
-  int half_window_px = 5;
-  double max_move_px = 3;
+  SaddleWindow window;
 };
 
 struct RefinedCorner {
   Vec2 px;
   double sigma_px = 0;
 };
-
-inline constexpr int kMinHalfWindow = 2, kMaxHalfWindow = 8;
-
-/// The window for a corner whose surroundings are clean up to `reach_px`.
-int half_window(double reach_px);
 
 /// Standard deviation of the image's noise in grey levels, at least that of rounding to integers (0.29):
 /// median of the absolute second differences (the mask of Immerkaer 1996) inside `roi`.
@@ -33,9 +28,7 @@ double noise_level(const cv::Mat& grey, cv::Rect roi);
 /// The box around the points, grown by a tenth and cut to the image.
 cv::Rect bounding_box(std::span<const Vec2> px, const cv::Mat& grey);
 
-/// cv::cornerSubPix of each start with its own window, and the standard error that image noise gives that
-/// estimator (docs/detect.md). nullopt where the corner left its window's surroundings, the window does not
-/// fit into the image, or there is no corner at all.
+/// fit_saddle() of each start; nullopt where there is no corner.
 std::vector<std::optional<RefinedCorner>> refine_corners(const cv::Mat& grey,
                                                          std::span<const CornerStart> starts, double noise);
 

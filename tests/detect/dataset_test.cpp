@@ -61,7 +61,7 @@ TEST(DetectDataset, ViewsFramesAndReasons) {
   EXPECT_EQ(data->views[3].frame, 0);
   EXPECT_EQ(data->views[1].reason, "no 7x5 chessboard found in 640x480 pixels");
   EXPECT_EQ(data->cameras[0].size, (ImageSize{640, 480}));
-  EXPECT_EQ(data->detector, "chessboard: cornerSubPix");
+  EXPECT_EQ(data->detector, "chessboard: saddle fit");
   EXPECT_TRUE(validate(*data));
 
   options.n_threads = 1;
@@ -152,7 +152,7 @@ TEST(DetectData, DemoPhotographs) {
   EXPECT_EQ(data->views.size(), 26U);
   EXPECT_EQ(data->frames.size(), 13U);
   for (const View& v : data->views) EXPECT_EQ(v.corners.size(), 54U) << v.image << v.reason;
-  EXPECT_EQ(data->detector, "chessboard: cornerSubPix");
+  EXPECT_EQ(data->detector, "chessboard: saddle fit");
 }
 
 /// A selection of the data sets: at most a few images of each, so that the suite stays short. The whole is

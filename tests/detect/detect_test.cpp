@@ -73,6 +73,31 @@ TEST(DetectCharuco, BothLayouts) {
   }
 }
 
+// Neighbours foretell a corner at the rim of a bent board worse than elsewhere; it stays all the same.
+TEST(DetectCharuco, FisheyeKeepsItsRim) {
+  const Charuco board{8, 6, 0.03, 0.022, "4X4_50"};
+  const Target target = *make_target(board);
+  PlaneCamera camera = look_at(target, 15, -20, 12, 0.9);
+  camera.size = {1000, 800};
+  camera.centre = {499.5, 399.5};
+  camera.is_fisheye = true;
+  camera.f = 420;
+  const Detection d = found(render(camera, charuco_shade(board, false)), target);
+  const Accuracy a = accuracy(d, target, camera);
+  report("charuco fisheye", a);
+  EXPECT_EQ(a.found, 35) << d.reason;
+  EXPECT_LT(a.worst, 0.1);
+}
+
+// The same markers on a board with another number of columns: a row of them fits, the others do not.
+TEST(DetectCharuco, AnotherBoardOfTheSameMarkers) {
+  const Charuco shown{7, 6, 0.03, 0.022, "4X4_50"};
+  const cv::Mat image = render(look_at(*make_target(shown), 10, -5, 8), charuco_shade(shown, false));
+  const Detection d = found(image, *make_target(Charuco{9, 8, 0.03, 0.022, "4X4_50"}));
+  EXPECT_TRUE(d.corners.empty());
+  EXPECT_THAT(d.reason, testing::HasSubstr("another one"));
+}
+
 TEST(DetectCharuco, Negative) {
   const Charuco board{4, 5, 0.054, 0.0405, "4X4_50"};
   const Target target = *make_target(board);

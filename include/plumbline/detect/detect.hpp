@@ -21,7 +21,7 @@ struct DetectOptions {
 struct Detection {
   std::vector<Corner> corners;  ///< ascending by point; px with pixel centres at integers
   std::string reason;  ///< "no 9x6 chessboard found", "3 of 36 tags found, at least 4 are needed", ...
-  std::string method;  ///< "cornerSubPix", "SB", ...; empty when nothing was found
+  std::string method;  ///< "saddle fit", ...; empty when nothing was found
   /// ChArUco with an even number of rows and layout kAuto: how many more markers fit their neighbours under
   /// the current layout than under the legacy one; below 0 the legacy layout was used. 0: the image fits
   /// both.
@@ -42,8 +42,7 @@ struct CameraImages {
 
 /// Detects the target in every image on all cores. A failure of one image (cannot be decoded) fails the run
 /// with its name; an image without the board becomes a View with a reason. kInvalidData: two image sizes in
-/// one camera. kDegenerate: the board is in no image of a camera. Within one camera all chessboard corners
-/// come from one method; where SB had to be used for some images the Dataset's `detector` remark says so.
+/// one camera. kDegenerate: the board is in no image of a camera.
 /// ChArUco boards whose layout is kAuto are found under one layout in all images: the sum of the images'
 /// votes decides, the current layout where it is 0; `detector` says "layout current" or "layout legacy". In a
 /// rig all boards are taken to have the same layout.

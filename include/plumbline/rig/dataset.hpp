@@ -42,7 +42,7 @@ struct Dataset {
   std::vector<CameraInfo> cameras;
   std::vector<std::string> frames;  ///< the text that matched the wildcards: "01"
   std::vector<View> views;          ///< by camera, then by natural order of the image's name, then by target
-  std::string detector;  ///< how the corners were found ("chessboard: cornerSubPix"); a remark, may be empty
+  std::string detector;  ///< how the corners were found ("chessboard: saddle fit"); a remark, may be empty
 };
 
 /// kInvalidData when an index, a pixel or a sigma of the data set makes no sense (names the view), two

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "detect/chess_search.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+#include "detect/subpixel.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+/// Images are halved until no side is longer than this: blur and noise shrink with them.
+constexpr int kCoarsest = 500;
+constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
+constexpr double kWindowPx = 14;     ///< longest arm of a window
+/// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
+constexpr double kMaxMisfit = 0.9;
+constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
+/// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
+/// be (glare, marks inside of squares).
+constexpr double kWeakField = 0.2, kWeakFields = 0.08;
+constexpr double kFaint = 0.35;  ///< of the median contrast
+
+std::vector<double> scales_of(const cv::Mat& grey) {
+  std::vector<double> out{1};
+  for (double s = 0.5; 2 * s * std::max(grey.cols, grey.rows) > kCoarsest; s /= 2) out.insert(out.begin(), s);
+  return out;
+}
+
+double median(std::vector<double> v) {
+  if (v.empty()) return 0;
+  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
+  return v[v.size() / 2];
+}
+
+/// Mean grey level inside the field between four corners.
+std::optional<double> field(const cv::Mat& grey, const ChessGrid& grid, int c, int r) {
+  const auto a = grid.get(c, r), b = grid.get(c + 1, r), d = grid.get(c, r + 1), e = grid.get(c + 1, r + 1);
+  if (!a || !b || !d || !e) return std::nullopt;
+  double sum = 0;
+  for (const double u : {0.3, 0.5, 0.7}) {
+    for (const double v : {0.3, 0.5, 0.7})
+      sum += sample(grey, (1 - v) * ((1 - u) * *a + u * *b) + v * ((1 - u) * *d + u * *e));
+  }
+  return sum / 9;
+}
+
+/// Whether the fields are bright and dark in turn: saddles of other things may lie in rows, but do not bound
+/// fields of two colours.
+bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
+  std::vector<double> steps;
+  for (int r = 0; r + 1 < grid.rows; ++r) {
+    for (int c = 0; c + 1 < grid.columns; ++c) {
+      const auto here = field(grey, grid, c, r);
+      if (!here) continue;
+      for (const auto& next : {field(grey, grid, c + 1, r), field(grey, grid, c, r + 1)}) {
+        if (next) steps.push_back((*next - *here) * ((c + r) % 2 == 0 ? 1 : -1));
+      }
+    }
+  }
+  if (steps.size() < 4) return false;
+  const double middle = median(steps);
+  const auto weak =
+      std::count_if(steps.begin(), steps.end(), [&](double s) { return s / middle < kWeakField; });
+  return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
+}
+
+struct Fitted {
+  ChessGrid grid;
+  std::vector<std::optional<SaddleFit>> fits;
+};
+
+SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool is_seen,
+                       bool with_bend) {
+  SaddleWindow window{J};
+  window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
+  const double least = std::min(J.col(0).norm(), J.col(1).norm());
+  window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
+  if (!with_bend) return window;
+  const Vec2 bend = curvature_at(grid, c, r);
+  for (int axis = 0; axis < 2; ++axis) {
+    const double arm = std::min(kWindowPx, 0.5 * J.col(axis).norm());
+    if (std::abs(bend[axis]) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend[axis];
+  }
+  return window;
+}
+
+void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, bool is_seen, double noise,
+         Fitted& out) {
+  const auto J = steps_at(out.grid, c, r);
+  auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
+  to =
+      J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, is_seen, false), noise) : std::nullopt;
+}
+
+/// Sides alternate from corner to corner, and no corner is much fainter than the others.
+void drop_misfits(Fitted& out) {
+  std::vector<double> contrast;
+  double side = 0;
+  const auto sign = [&](std::size_t i) {
+    return (i % out.grid.columns + i / out.grid.columns) % 2 == 0 ? 1.0 : -1.0;
+  };
+  for (std::size_t i = 0; i < out.fits.size(); ++i) {
+    if (!out.fits[i]) continue;
+    contrast.push_back(std::abs(out.fits[i]->contrast));
+    side += sign(i) * out.fits[i]->contrast;
+  }
+  const double least = kFaint * median(contrast) * (side > 0 ? 1 : -1);
+  for (std::size_t i = 0; i < out.fits.size(); ++i) {
+    auto& f = out.fits[i];
+    if (f && sign(i) * f->contrast / least < 1) f.reset();
+    if (!f) out.grid.px[i].reset();
+  }
+}
+
+/// A corner lies between its neighbours; the one that lies worst goes, until all do.
+void drop_strays(Fitted& out) {
+  const auto off = [&](int c, int r) {
+    double worst = 0;
+    for (const auto& [dc, dr] : {std::pair{1, 0}, {0, 1}}) {
+      const auto a = out.grid.get(c - dc, r - dr), b = out.grid.get(c + dc, r + dr);
+      if (a && b) worst = std::max(worst, ((*a + *b) / 2 - *out.grid.at(c, r)).norm() / (*b - *a).norm());
+    }
+    return worst;
+  };
+  while (true) {
+    double worst = kStray;
+    std::size_t at = out.fits.size();
+    for (int r = 0; r < out.grid.rows; ++r) {
+      for (int c = 0; c < out.grid.columns; ++c) {
+        if (!out.grid.at(c, r)) continue;
+        const double here = off(c, r);
+        if (here > worst) worst = here, at = static_cast<std::size_t>(r) * out.grid.columns + c;
+      }
+    }
+    if (at == out.fits.size()) return;
+    out.fits[at].reset();
+    out.grid.px[at].reset();
+  }
+}
+
+}  // namespace
+
+ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
+  ChessSearch out;
+  const int all = board.columns * board.rows;
+  for (const double scale : scales_of(grey)) {
+    cv::Mat image = grey;
+    if (scale < 1) cv::resize(grey, image, cv::Size(), scale, scale, cv::INTER_AREA);
+    const double noise = noise_level(image, {0, 0, image.cols, image.rows});
+    const auto saddles = find_saddles(image, noise, 20 * all + 1000);
+    const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
+                     static_cast<double>(grey.rows) / image.rows);
+    std::size_t largest = 0;
+    grow_lattices(saddles, image.size(), [&](const std::vector<LatticeNode>& nodes) {
+      auto placed = place_lattice(nodes, saddles, board, image.size());
+      if (auto* why = std::get_if<std::string>(&placed)) {
+        if (nodes.size() > largest) out.reason = std::move(*why);
+        largest = std::max(largest, nodes.size());
+        return false;
+      }
+      auto& grid = std::get<ChessGrid>(placed);
+      if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
+      for (auto& p : grid.px) {
+        if (p) p = (*p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
+      }
+      out.grid = std::move(grid);
+      out.scale = scale;
+      return out.grid.count() == all;
+    });
+    out.largest = std::max(out.largest, static_cast<int>(largest));
+    if (out.grid.count() == all) break;
+  }
+  return out;
+}
+
+std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise) {
+  Fitted out{grid, std::vector<std::optional<SaddleFit>>(grid.px.size())};
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      if (grid.at(c, r)) fit(grey, c, r, *grid.at(c, r), scale, true, noise, out);
+    }
+  }
+  for (std::size_t i = 0; i < out.fits.size(); ++i)
+    out.grid.px[i] = out.fits[i] ? std::optional(out.fits[i]->px) : std::nullopt;
+  drop_misfits(out);
+  drop_strays(out);
+  // What the search missed: holes, and corners at the image's border.
+  for (int round = 0; round < 3; ++round) {
+    bool is_new = false;
+    for (int r = 0; r < grid.rows; ++r) {
+      for (int c = 0; c < grid.columns; ++c) {
+        if (out.grid.at(c, r)) continue;
+        const auto start = foretold(out.grid, c, r);
+        if (!start || start->x() < 1 || start->y() < 1 || start->x() > grey.cols - 2 ||
+            start->y() > grey.rows - 2)
+          continue;
+        out.grid.at(c, r) = start;
+        fit(grey, c, r, *start, 1, false, noise, out);
+        const auto& found = out.fits[static_cast<std::size_t>(r) * grid.columns + c];
+        out.grid.at(c, r) = found ? std::optional(found->px) : std::nullopt;
+        is_new = is_new || found.has_value();
+      }
+    }
+    if (!is_new) break;
+    drop_misfits(out);
+    drop_strays(out);
+  }
+  std::vector<ChessCorner> corners;
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      const auto& first = out.fits[static_cast<std::size_t>(r) * grid.columns + c];
+      if (!first) continue;
+      SaddleFit best = *first;
+      if (const auto J = steps_at(out.grid, c, r)) {
+        const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
+        if (!window.curvature.isZero(0)) {
+          const auto bent = fit_saddle(grey, best.px, window, noise);
+          if (bent) best = *bent;
+        }
+      }
+      corners.push_back({r * grid.columns + c, best.px, best.sigma_px});
+    }
+  }
+  return corners;
+}
+
+}  // namespace plumbline::detail

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <opencv2/core/mat.hpp>
+#include <optional>
+
+#include "plumbline/core/types.hpp"
+
+/// The sub-pixel place of a corner where four fields meet, by least squares on the grey levels themselves:
+/// two blurred edges through one point. Every pixel near an edge counts, so that the error is close to the
+/// least that the image's noise allows, and the normal equations say how large it is.
+namespace plumbline::detail {
+
+/// Which pixels around a corner belong to it. Board units are those of J (a square, a tag).
+struct SaddleWindow {
+  Mat2 J = Mat2::Identity();  ///< d px / d board: its columns run along the two edges
+  /// Where the corner's own edges meet the next line, along both axes [board units].
+  Vec2 low{-1, -1}, high{1, 1};
+  double across = 1;  ///< where the next edge beside an edge is [board units]
+  /// Of the two edges [1/px]: the edge along column k of J bends towards the side that it has when turned
+  /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
+  Vec2 curvature = Vec2::Zero();
+  double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
+  double max_move_px = 3;   ///< from the start
+  double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
+};
+
+inline constexpr double kShortArmPx = 5;  ///< for a second try where the longer arms do not fit
+
+struct SaddleFit {
+  Vec2 px;
+  double sigma_px = 0;  ///< standard error of each coordinate (root of the mean variance)
+  double contrast =
+      0;  ///< half the step between the fields; > 0: bright where both board offsets have one sign
+  double blur_px = 0;  ///< Gaussian, lens and pixel together
+  double misfit = 0;   ///< RMS of what the model leaves [grey levels]
+};
+
+/// nullopt: no corner there (the fit runs away or its edges are not as J says, the model leaves too
+/// much, fewer than half of the window's pixels are in the image). `noise`: of the image
+/// [grey levels]; where the model leaves more than that, sigma grows with it.
+std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window,
+                                    double noise);
+
+}  // namespace plumbline::detail
