@@ -14,7 +14,6 @@ namespace {
 constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
-constexpr double kBorderPx = 9;     ///< nothing is found nearer to the image's border
 constexpr int kMostLattices = 40;   ///< of one image
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
@@ -44,6 +43,19 @@ class Buckets {
         for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) {
           if ((saddles_[static_cast<std::size_t>(i)].px - p).squaredNorm() <= radius * radius) visit(i);
         }
+      }
+    }
+  }
+
+  /// The same for the saddles near the box between two points.
+  template <class Visit>
+  void between(const Vec2& a, const Vec2& b, const Visit& visit) const {
+    const Vec2 low = a.cwiseMin(b), high = a.cwiseMax(b);
+    const int x0 = column(low.x(), nx_), x1 = column(high.x(), nx_);
+    const int y0 = column(low.y(), ny_), y1 = column(high.y(), ny_);
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) {
+        for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) visit(i);
       }
     }
   }
@@ -122,12 +134,16 @@ class Growth {
     int best = -1;
     double best_cost = 1e30;
     for (double radius = 2 * buckets_.pitch(); best < 0; radius *= 2) {
-      buckets_.within(a.px, radius, [&](int i) {
-        if (i == from) return;
+      // The box of the cone, from its apex to its base.
+      const Vec2 base = a.px + radius * direction,
+                 half(-kCone * radius * direction.y(), kCone * radius * direction.x());
+      const Vec2 low = a.px.cwiseMin(base - half).cwiseMin(base + half);
+      const Vec2 high = a.px.cwiseMax(base - half).cwiseMax(base + half);
+      buckets_.between(low, high, [&](int i) {
         const Vec2 d = px(i) - a.px;
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
-        if (!(along > 3) || beside > kCone * along) return;
-        const double cost = along * (1 + 2 * beside / along);
+        if (!(along > 3) || along > radius || beside > kCone * along) return;
+        const double cost = along + 2 * beside;
         if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)]))
           best = i, best_cost = cost;
       });
@@ -153,11 +169,21 @@ class Growth {
     taken_.clear();
     queue_.clear();
     const Saddle& s = saddles_[static_cast<std::size_t>(seed)];
+    // The neighbours along both edges, each in its two senses, looked for when they are asked for.
+    constexpr int kUnknown = -2;
+    int beside[4] = {kUnknown, kUnknown, kUnknown, kUnknown};
+    const auto neighbour_of = [&](int edge, bool forward) {
+      int& known = beside[2 * edge + (forward ? 1 : 0)];
+      if (known == kUnknown) known = neighbour(seed, (forward ? 1 : -1) * s.edge[edge]);
+      return known;
+    };
     for (int k = 0; k < 4; ++k) {
-      const Vec2 x = (k < 2 ? 1 : -1) * s.edge[0], y = (k % 2 == 0 ? 1 : -1) * s.edge[1];
-      const bool is_right_handed = cross(x, y) > 0;
-      const int right = neighbour(seed, is_right_handed ? x : y),
-                below = neighbour(seed, is_right_handed ? y : x);
+      const bool first_forward = k < 2, second_forward = k % 2 == 0;
+      const bool is_right_handed = (cross(s.edge[0], s.edge[1]) > 0) == (first_forward == second_forward);
+      const int first = neighbour_of(0, first_forward);
+      if (first < 0) continue;
+      const int second = neighbour_of(1, second_forward);
+      const int right = is_right_handed ? first : second, below = is_right_handed ? second : first;
       if (right < 0 || below < 0 || right == below) continue;
       const Vec2 step_x = px(right) - s.px, step_y = px(below) - s.px;
       const double least = std::min(step_x.norm(), step_y.norm());
