@@ -92,6 +92,24 @@ bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
   return true;
 }
 
+/// Whether two grids share corners: two lattices of one board, not two boards.
+bool overlap(const ChessGrid& a, const ChessGrid& b, double near_px) {
+  return std::any_of(a.px.begin(), a.px.end(), [&](const auto& p) {
+    return p && std::any_of(b.px.begin(), b.px.end(),
+                            [&](const auto& q) { return q && (*p - *q).norm() < near_px; });
+  });
+}
+
+/// Whether there are enough saddles as strong as those of a lattice for a second board.
+bool has_room_for_another(const std::vector<Saddle>& saddles, const std::vector<LatticeNode>& nodes) {
+  double weakest = 1e30;
+  for (const LatticeNode& n : nodes)
+    weakest = std::min(weakest, saddles[static_cast<std::size_t>(n.saddle)].strength);
+  const auto n = std::count_if(saddles.begin(), saddles.end(),
+                               [&](const Saddle& s) { return s.strength > kFaint * weakest; });
+  return static_cast<std::size_t>(n) >= 2 * nodes.size();
+}
+
 struct Fitted {
   ChessGrid grid;
   std::vector<std::optional<SaddleFit>> fits;
@@ -188,13 +206,18 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
         return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
-      if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
+      const bool is_worth_a_look = grid.count() > out.grid.count() || 2 * grid.count() > all;
+      if (!is_worth_a_look || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
         if (p) p = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
       }
-      out.grid = std::move(grid);
-      out.scale = 1 / ratio;
-      return is_all_in_sight(out.grid, grey.size(), kBorderPx * ratio);
+      out.is_twice = out.is_twice ||
+                     (grid.count() == all && out.grid.count() == all && !overlap(grid, out.grid, 3 * ratio));
+      if (grid.count() > out.grid.count()) {
+        out.grid = std::move(grid);
+        out.scale = 1 / ratio;
+      }
+      return out.is_twice || (out.grid.count() == all && !has_room_for_another(saddles, nodes));
     });
     out.largest = std::max(out.largest, static_cast<int>(largest));
     if (out.grid.count() > 0 && is_all_in_sight(out.grid, grey.size(), kBorderPx / out.scale)) break;
