@@ -176,6 +176,10 @@ void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, boo
   SaddleWindow window = window_at(out.grid, *J, c, r, scale, is_seen, false);
   if (scale >= kFineScale && is_seen) window.usual_blur_px = out.blur_px;
   to = fit_saddle(grey, start, window, noise);
+  if (!to && window.usual_blur_px > 0) {
+    window.usual_blur_px = 0;  // it looks otherwise than those beside it
+    to = fit_saddle(grey, start, window, noise);
+  }
   if (to) out.blur_px = to->blur_px;
 }
 
