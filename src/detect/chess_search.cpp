@@ -7,6 +7,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -70,12 +71,14 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
 
 struct Fitted {
   ChessGrid grid;
+  GridFit how;
   std::vector<std::optional<SaddleFit>> fits;
 };
 
-SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool is_seen,
-                       bool with_bend) {
+SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J, int c, int r, double scale,
+                       bool is_seen, bool with_bend) {
   SaddleWindow window{J};
+  window.across = how.across;
   window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
@@ -92,8 +95,9 @@ void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, boo
          Fitted& out) {
   const auto J = steps_at(out.grid, c, r);
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
-  to =
-      J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, is_seen, false), noise) : std::nullopt;
+  to.reset();
+  if (!J || out.how.across * narrow_height(*J) < out.how.least_across_px) return;
+  to = fit_saddle(grey, start, window_at(out.grid, out.how, *J, c, r, scale, is_seen, false), noise);
 }
 
 /// Sides alternate from corner to corner, and no corner is much fainter than the others.
@@ -177,8 +181,9 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   return out;
 }
 
-std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise) {
-  Fitted out{grid, std::vector<std::optional<SaddleFit>>(grid.px.size())};
+std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,
+                                     const GridFit& how) {
+  Fitted out{grid, how, std::vector<std::optional<SaddleFit>>(grid.px.size())};
   for (int r = 0; r < grid.rows; ++r) {
     for (int c = 0; c < grid.columns; ++c) {
       if (grid.at(c, r)) fit(grey, c, r, *grid.at(c, r), scale, true, noise, out);
@@ -189,7 +194,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
   drop_misfits(out);
   drop_strays(out);
   // What the search missed: holes, and corners at the image's border.
-  for (int round = 0; round < 3; ++round) {
+  for (int round = 0; round < how.rounds; ++round) {
     bool is_new = false;
     for (int r = 0; r < grid.rows; ++r) {
       for (int c = 0; c < grid.columns; ++c) {
@@ -216,7 +221,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       if (!first) continue;
       SaddleFit best = *first;
       if (const auto J = steps_at(out.grid, c, r)) {
-        const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
+        const SaddleWindow window = window_at(out.grid, how, *J, c, r, 1, true, true);
         if (!window.curvature.isZero(0)) {
           const auto bent = fit_saddle(grey, best.px, window, noise);
           if (bent) best = *bent;

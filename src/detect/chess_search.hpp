@@ -25,6 +25,13 @@ struct ChessCorner {
   Vec2 px;
   double sigma_px = 0;
 };
-std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise);
+/// What a board has beside its edges.
+struct GridFit {
+  double across = 1;           ///< how far it is clean beside an edge [squares]
+  double least_across_px = 0;  ///< corners where that is less are left out
+  int rounds = 3;              ///< of looking for corners that are missing
+};
+std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,
+                                     const GridFit& how = {});
 
 }  // namespace plumbline::detail

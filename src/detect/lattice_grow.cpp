@@ -15,7 +15,6 @@ constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbo
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
 constexpr double kBorderPx = 9;     ///< nothing is found nearer to the image's border
-constexpr int kMostLattices = 40;   ///< of one image
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -82,8 +81,9 @@ bool matches(const Saddle& a, const Saddle& b, bool opposite) {
 
 class Growth {
  public:
-  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, cv::Size image)
-      : saddles_(saddles), buckets_(buckets), image_(image) {}
+  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, cv::Size image,
+         const LatticeRules& rules)
+      : saddles_(saddles), buckets_(buckets), image_(image), rules_(rules) {}
 
   /// The lattice of the saddle `seed`, empty when there is no cell around it.
   std::vector<LatticeNode> from(int seed) {
@@ -116,25 +116,30 @@ class Growth {
     queue_.emplace_back(i, j);
   }
 
-  /// The first saddle along a direction; -1 where it is no neighbour.
-  int neighbour(int from, const Vec2& direction) const {
+  /// The first saddle along a direction that is a neighbour, of those that may be tried; -1 where none is.
+  int neighbour(int from, const Vec2& direction) {
     const Saddle& a = saddles_[static_cast<std::size_t>(from)];
-    int best = -1;
-    double best_cost = 1e30;
-    for (double radius = 2 * buckets_.pitch(); best < 0; radius *= 2) {
+    const auto n_tries = static_cast<std::size_t>(rules_.most_tries);
+    for (double radius = 2 * buckets_.pitch();; radius *= 2) {
+      near_.clear();
       buckets_.within(a.px, radius, [&](int i) {
         if (i == from) return;
         const Vec2 d = px(i) - a.px;
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
         if (!(along > 3) || beside > kCone * along) return;
-        const double cost = along * (1 + 2 * beside / along);
-        if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)]))
-          best = i, best_cost = cost;
+        if (is_alike(a, saddles_[static_cast<std::size_t>(i)]))
+          near_.emplace_back(along * (1 + 2 * beside / along), i);
       });
-      if (radius > buckets_.extent() / 2) break;
+      if (near_.size() >= n_tries || radius > buckets_.extent() / 2) break;
     }
+    const std::size_t n = std::min(near_.size(), n_tries);
+    std::partial_sort(near_.begin(), near_.begin() + static_cast<long>(n), near_.end());
     // Past a saddle that does not fit the next row but one would, and the whole lattice would be wrong.
-    return best >= 0 && matches(a, saddles_[static_cast<std::size_t>(best)], true) ? best : -1;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Saddle& b = saddles_[static_cast<std::size_t>(near_[k].second)];
+      if (matches(a, b, true) && (!rules_.is_edge || rules_.is_edge(a, b))) return near_[k].second;
+    }
+    return -1;
   }
 
   int nearest(const Vec2& at, double radius, const Saddle& like, bool opposite) const {
@@ -163,7 +168,7 @@ class Growth {
       const double least = std::min(step_x.norm(), step_y.norm());
       if (std::max(step_x.norm(), step_y.norm()) > 5 * least) continue;
       const int across = nearest(s.px + step_x + step_y, kNearness * least, s, false);
-      if (across < 0 || across == seed) continue;
+      if (across < 0 || across == seed || !are_edges(across, {right, below})) continue;
       put(0, 0, seed);
       put(1, 0, right);
       put(0, 1, below);
@@ -171,6 +176,13 @@ class Growth {
       return true;
     }
     return false;
+  }
+
+  bool are_edges(int from, std::initializer_list<int> ends) const {
+    if (!rules_.is_edge) return true;
+    return std::all_of(ends.begin(), ends.end(), [&](int to) {
+      return rules_.is_edge(saddles_[static_cast<std::size_t>(from)], saddles_[static_cast<std::size_t>(to)]);
+    });
   }
 
   struct Foretold {
@@ -239,34 +251,37 @@ class Growth {
   const std::vector<Saddle>& saddles_;
   const Buckets& buckets_;
   cv::Size image_;
+  const LatticeRules& rules_;
+  std::vector<std::pair<double, int>> near_;  ///< of neighbour(): cost and saddle
   std::vector<LatticeNode> nodes_;
   std::map<std::pair<int, int>, int> at_;
   std::map<int, int> taken_;
   std::deque<std::pair<int, int>> queue_;
 };
 
-bool is_large(const std::vector<LatticeNode>& nodes) {
-  if (nodes.size() < 9) return false;
+bool is_large(const std::vector<LatticeNode>& nodes, int least_box) {
+  if (static_cast<int>(nodes.size()) < least_box * least_box) return false;
   const auto [i0, i1] =
       std::minmax_element(nodes.begin(), nodes.end(), [](auto& a, auto& b) { return a.i < b.i; });
   const auto [j0, j1] =
       std::minmax_element(nodes.begin(), nodes.end(), [](auto& a, auto& b) { return a.j < b.j; });
-  return i1->i - i0->i >= 2 && j1->j - j0->j >= 2;
+  return i1->i - i0->i + 1 >= least_box && j1->j - j0->j + 1 >= least_box;
 }
 
 }  // namespace
 
 void grow_lattices(const std::vector<Saddle>& saddles, cv::Size image,
-                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last) {
-  if (saddles.size() < 9) return;
+                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last,
+                   const LatticeRules& rules) {
+  if (static_cast<int>(saddles.size()) < rules.least_box * rules.least_box) return;
   const Buckets buckets(saddles);
   std::vector<char> seen(saddles.size(), 0);
-  Growth growth(saddles, buckets, image);
+  Growth growth(saddles, buckets, image, rules);
   int n_grown = 0;
-  for (std::size_t seed = 0; seed < saddles.size() && n_grown < kMostLattices; ++seed) {
+  for (std::size_t seed = 0; seed < saddles.size() && n_grown < rules.most_lattices; ++seed) {
     if (seen[seed] != 0) continue;
     const auto nodes = growth.from(static_cast<int>(seed));
-    if (!is_large(nodes)) continue;
+    if (!is_large(nodes, rules.least_box)) continue;
     for (const LatticeNode& n : nodes) seen[static_cast<std::size_t>(n.saddle)] = 1;
     ++n_grown;
     if (is_last(nodes)) return;
