@@ -14,7 +14,7 @@ namespace {
 /// them.
 constexpr int kCoarsest = 500;
 constexpr int kMostSaddles = 4000;
-constexpr int kTries = 6;  ///< saddles along an edge; those of a marker stand beside it
+constexpr int kTries = 3;  ///< saddles along an edge; those of a marker stand beside it
 constexpr int kLeastBox = 2, kMostLattices = 150;
 /// Beside an edge [of its length, px]: inside of the white around a marker.
 constexpr double kBeside = 0.06, kLeastBeside = 1.2;

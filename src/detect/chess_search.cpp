@@ -91,9 +91,19 @@ SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J,
   return window;
 }
 
+/// steps_at() of a corner, or of one beside it: the first of a new row has no neighbours along the row.
+std::optional<Mat2> steps_near(const ChessGrid& grid, int c, int r) {
+  if (const auto J = steps_at(grid, c, r)) return J;
+  for (const auto& [dc, dr] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+    const auto J = grid.get(c + dc, r + dr) ? steps_at(grid, c + dc, r + dr) : std::nullopt;
+    if (J) return J;
+  }
+  return std::nullopt;
+}
+
 void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, bool is_seen, double noise,
          Fitted& out) {
-  const auto J = steps_at(out.grid, c, r);
+  const auto J = steps_near(out.grid, c, r);
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
   to.reset();
   if (!J || out.how.across * narrow_height(*J) < out.how.least_across_px) return;

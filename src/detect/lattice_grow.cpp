@@ -158,11 +158,19 @@ class Growth {
     taken_.clear();
     queue_.clear();
     const Saddle& s = saddles_[static_cast<std::size_t>(seed)];
-    for (int k = 0; k < 4; ++k) {
-      const Vec2 x = (k < 2 ? 1 : -1) * s.edge[0], y = (k % 2 == 0 ? 1 : -1) * s.edge[1];
-      const bool is_right_handed = cross(x, y) > 0;
-      const int right = neighbour(seed, is_right_handed ? x : y),
-                below = neighbour(seed, is_right_handed ? y : x);
+    // Right-handed pairs of the four ways along its two edges.
+    const bool is_right_handed = cross(s.edge[0], s.edge[1]) > 0;
+    const Vec2 u = s.edge[0], v = is_right_handed ? s.edge[1] : Vec2(-s.edge[1]);
+    const std::array<Vec2, 4> ways{u, v, -u, -v};
+    std::array<std::optional<int>, 4> ends;
+    const auto end_of = [&](std::size_t k) {
+      if (!ends[k]) ends[k] = neighbour(seed, ways[k]);
+      return *ends[k];
+    };
+    for (std::size_t k = 0; k < 4; ++k) {
+      const int right = end_of(k);
+      if (right < 0) continue;
+      const int below = end_of((k + 1) % 4);
       if (right < 0 || below < 0 || right == below) continue;
       const Vec2 step_x = px(right) - s.px, step_y = px(below) - s.px;
       const double least = std::min(step_x.norm(), step_y.norm());
