@@ -14,7 +14,10 @@ namespace {
 constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
-constexpr double kBorderPx = 9;     ///< nothing is found nearer to the image's border
+constexpr double kBorderPx = 9;  ///< nothing is found nearer to the image's border
+/// First cells are looked for among at least so many saddles around one, from a circle of so many spacings.
+constexpr std::size_t kEnoughAround = 40;
+constexpr double kFirstLook = 4;
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -116,28 +119,34 @@ class Growth {
     queue_.emplace_back(i, j);
   }
 
-  /// The first saddle along a direction that is a neighbour, of those that may be tried; -1 where none is.
-  int neighbour(int from, const Vec2& direction) {
+  /// Fills near_ with the saddles around one that are about as strong.
+  void look_around(int from) {
     const Saddle& a = saddles_[static_cast<std::size_t>(from)];
-    const auto n_tries = static_cast<std::size_t>(rules_.most_tries);
-    for (double radius = 2 * buckets_.pitch();; radius *= 2) {
+    for (double radius = kFirstLook * buckets_.pitch();; radius *= 2) {
       near_.clear();
       buckets_.within(a.px, radius, [&](int i) {
-        if (i == from) return;
-        const Vec2 d = px(i) - a.px;
-        const double along = d.dot(direction), beside = std::abs(cross(direction, d));
-        if (!(along > 3) || beside > kCone * along) return;
-        if (is_alike(a, saddles_[static_cast<std::size_t>(i)]))
-          near_.emplace_back(along * (1 + 2 * beside / along), i);
+        if (i != from && is_alike(a, saddles_[static_cast<std::size_t>(i)])) near_.push_back(i);
       });
-      if (near_.size() >= n_tries || radius > buckets_.extent() / 2) break;
+      if (near_.size() >= kEnoughAround || radius > buckets_.extent() / 2) return;
     }
-    const std::size_t n = std::min(near_.size(), n_tries);
-    std::partial_sort(near_.begin(), near_.begin() + static_cast<long>(n), near_.end());
+  }
+
+  /// Of near_, the first saddle along a direction that is a neighbour, of those that may be tried; -1 where
+  /// none is.
+  int neighbour(int from, const Vec2& direction) {
+    const Saddle& a = saddles_[static_cast<std::size_t>(from)];
+    ahead_.clear();
+    for (const int i : near_) {
+      const Vec2 d = px(i) - a.px;
+      const double along = d.dot(direction), beside = std::abs(cross(direction, d));
+      if (along > 3 && beside <= kCone * along) ahead_.emplace_back(along + 2 * beside, i);
+    }
+    const std::size_t n = std::min(ahead_.size(), static_cast<std::size_t>(rules_.most_tries));
+    std::partial_sort(ahead_.begin(), ahead_.begin() + static_cast<long>(n), ahead_.end());
     // Past a saddle that does not fit the next row but one would, and the whole lattice would be wrong.
     for (std::size_t k = 0; k < n; ++k) {
-      const Saddle& b = saddles_[static_cast<std::size_t>(near_[k].second)];
-      if (matches(a, b, true) && (!rules_.is_edge || rules_.is_edge(a, b))) return near_[k].second;
+      const Saddle& b = saddles_[static_cast<std::size_t>(ahead_[k].second)];
+      if (matches(a, b, true) && (!rules_.is_edge || rules_.is_edge(a, b))) return ahead_[k].second;
     }
     return -1;
   }
@@ -163,6 +172,7 @@ class Growth {
     const Vec2 u = s.edge[0], v = is_right_handed ? s.edge[1] : Vec2(-s.edge[1]);
     const std::array<Vec2, 4> ways{u, v, -u, -v};
     std::array<std::optional<int>, 4> ends;
+    look_around(seed);
     const auto end_of = [&](std::size_t k) {
       if (!ends[k]) ends[k] = neighbour(seed, ways[k]);
       return *ends[k];
@@ -171,7 +181,7 @@ class Growth {
       const int right = end_of(k);
       if (right < 0) continue;
       const int below = end_of((k + 1) % 4);
-      if (right < 0 || below < 0 || right == below) continue;
+      if (below < 0 || right == below) continue;
       const Vec2 step_x = px(right) - s.px, step_y = px(below) - s.px;
       const double least = std::min(step_x.norm(), step_y.norm());
       if (std::max(step_x.norm(), step_y.norm()) > 5 * least) continue;
@@ -260,7 +270,8 @@ class Growth {
   const Buckets& buckets_;
   cv::Size image_;
   const LatticeRules& rules_;
-  std::vector<std::pair<double, int>> near_;  ///< of neighbour(): cost and saddle
+  std::vector<int> near_;                      ///< of look_around()
+  std::vector<std::pair<double, int>> ahead_;  ///< of neighbour(): cost and saddle
   std::vector<LatticeNode> nodes_;
   std::map<std::pair<int, int>, int> at_;
   std::map<int, int> taken_;
