@@ -50,29 +50,33 @@ struct Levels {
 
 /// The grey levels of the ring around a marker and of its border; nullopt where the square holds none.
 std::optional<Levels> levels_of(const cv::Mat& grey, const Square& square, double margin, int modules) {
-  std::vector<double> ring, border;
   const int n = modules + 2;
-  const double module = (1 - 2 * margin) / n;
-  for (int k = 0; k < n; ++k) {
-    const double t = margin + (k + 0.5) * module, in = margin + 0.5 * module, out = 0.5 * margin;
-    for (const auto& [u, v] : {std::pair{0.0, t}, {1.0, t}, {t, 0.0}, {t, 1.0}}) {
-      const auto inset = [&](double x, double by) { return x == 0.0 ? by : x == 1.0 ? 1 - by : x; };
-      ring.push_back(sample(grey, square.at(inset(u, out), inset(v, out))));
-      border.push_back(sample(grey, square.at(inset(u, in), inset(v, in))));
+  const double module = (1 - 2 * margin) / n, in = margin + 0.5 * module, out = 0.5 * margin;
+  std::vector<double> ring, border;
+  Levels levels;
+  const auto update = [&] {
+    levels = {};
+    for (const double g : ring) levels.ring += g / static_cast<double>(ring.size());
+    for (const double g : border) levels.border += g / static_cast<double>(border.size());
+    return std::abs(levels.ring - levels.border) >= kLeastStep;
+  };
+  for (int i = 0; i < n; ++i) {
+    const double t = margin + ((i + n / 2) % n + 0.5) * module;  // the middle of a side first
+    for (const auto& [u, v] : {std::pair{0, 1}, {1, 0}, {0, -1}, {-1, 0}}) {
+      const auto place = [&](int side, double inset) { return side == 0 ? t : side > 0 ? 1 - inset : inset; };
+      ring.push_back(sample(grey, square.at(place(u, out), place(v, out))));
+      border.push_back(sample(grey, square.at(place(u, in), place(v, in))));
     }
+    if (i == 0 && !update()) return std::nullopt;  // most squares of other things
   }
-  Levels out;
-  for (const double g : ring) out.ring += g / static_cast<double>(ring.size());
-  for (const double g : border) out.border += g / static_cast<double>(border.size());
-  const double step = out.ring - out.border, middle = (out.ring + out.border) / 2;
-  if (std::abs(step) < kLeastStep) return std::nullopt;
-  const auto n_ring =
-      std::count_if(ring.begin(), ring.end(), [&](double g) { return (g - middle) / step > 0; });
-  const auto n_border =
-      std::count_if(border.begin(), border.end(), [&](double g) { return (g - middle) / step < 0; });
+  if (!update()) return std::nullopt;
+  const double step = levels.ring - levels.border, middle = (levels.ring + levels.border) / 2;
+  const auto is_ring = [&](double g) { return (g - middle) / step > 0; };
+  const auto n_ring = std::count_if(ring.begin(), ring.end(), is_ring);
+  const auto n_border = std::count_if(border.begin(), border.end(), [&](double g) { return !is_ring(g); });
   const double least = kBorderShare * static_cast<double>(ring.size());
   if (static_cast<double>(n_ring) < least || static_cast<double>(n_border) < least) return std::nullopt;
-  return out;
+  return levels;
 }
 
 /// Mean grey level of each module inside the border, row by row.
