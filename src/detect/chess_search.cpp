@@ -16,7 +16,8 @@ namespace {
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
 constexpr int kCoarsest = 500;
 constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
-constexpr double kWindowPx = 14;     ///< longest arm of a window
+constexpr double kLongArmPx = 40;    ///< of windows in much noise
+constexpr double kMostBendPx = 0.3;  ///< a parabola is a bent edge so far
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
 constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
@@ -84,8 +85,10 @@ SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J,
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
   if (!with_bend) return window;
   const Vec2 bend = curvature_at(grid, c, r);
+  window.long_arm_px =
+      std::min(kLongArmPx, std::sqrt(2 * kMostBendPx / std::max(1e-9, bend.cwiseAbs().maxCoeff())));
   for (int axis = 0; axis < 2; ++axis) {
-    const double arm = std::min(kWindowPx, 0.5 * J.col(axis).norm());
+    const double arm = std::min(window.long_arm_px, 0.5 * J.col(axis).norm());
     if (std::abs(bend[axis]) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend[axis];
   }
   return window;
@@ -232,7 +235,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       SaddleFit best = *first;
       if (const auto J = steps_at(out.grid, c, r)) {
         const SaddleWindow window = window_at(out.grid, how, *J, c, r, 1, true, true);
-        if (!window.curvature.isZero(0)) {
+        if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
           const auto bent = fit_saddle(grey, best.px, window, noise);
           if (bent) best = *bent;
         }

@@ -20,11 +20,13 @@ struct SaddleWindow {
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();
   double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
+  double long_arm_px = 0;   ///< where the noise leaves the corner rough; 0: never. Wants `curvature`
   double max_move_px = 3;   ///< from the start
   double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
-inline constexpr double kShortArmPx = 5;  ///< for a second try where the longer arms do not fit
+inline constexpr double kRoughSigmaPx = 0.02;  ///< from this standard error on longer arms are tried
+inline constexpr double kShortArmPx = 5;       ///< for a second try where the longer arms do not fit
 
 struct SaddleFit {
   Vec2 px;
