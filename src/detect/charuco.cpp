@@ -18,8 +18,8 @@ constexpr std::size_t kMinCorners = 4;
 constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
 constexpr double kEnough = 0.3;            ///< of the board's corners in lattices: finer images add little
-constexpr double kOutside = 0.15;          ///< of a lattice's nodes that may lie beyond the board
-constexpr int kFew = 3;                    ///< markers that lie wrong before they are another board's
+constexpr double kOutside = 0.15, kFewOutside = 4;  ///< of a lattice's nodes that may lie beyond the board
+constexpr int kFew = 3;  ///< markers that lie wrong before they are another board's
 constexpr int kRounds = 12;
 constexpr double kJoin = 0.35;  ///< of a square, for each square between two lattices
 
@@ -36,7 +36,7 @@ int nodes_on_board(const SeenLattice& lattice, const BoardPlacement& placement, 
         inside += is_inside(board, placement.corner_of(c, r)) ? 1 : 0;
     }
   }
-  return lattice.n_seen - inside <= std::max(2.0, kOutside * lattice.n_seen) ? inside : 0;
+  return lattice.n_seen - inside <= std::max(kFewOutside, kOutside * lattice.n_seen) ? inside : 0;
 }
 
 /// Adds a lattice's nodes to the board's corners, unless it lies elsewhere than those before it.

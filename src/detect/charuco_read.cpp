@@ -25,7 +25,10 @@ constexpr double kLooseWeight = 0.35;  ///< of a square that agrees but is not c
 constexpr double kLeastWeight = 2;     ///< of a placement
 constexpr double kLeastShare = 0.3;    ///< of the squares that look like markers
 constexpr double kMostOpposed = 0.4;   ///< of those that agree
-constexpr double kMostRival = 0.6;     ///< weight of the second placement
+/// Markers that go on where the board ends: a larger one, of which this board would be a part.
+constexpr int kFewBeyond = 2;
+constexpr double kMostBeyond = 0.12;
+constexpr double kMostRival = 0.6;  ///< weight of the second placement
 
 /// The square between four places of a grid; its own coordinates run from 0 to 1.
 struct Square {
@@ -249,11 +252,14 @@ BoardPlacement place_on_board(const std::vector<ReadSquare>& squares, const Char
                         std::any_of(s.guesses.begin(), s.guesses.end(),
                                     [&](const auto& g) { return g.id == id && g.turn == out.turn; });
     out.agreeing += agrees ? 1 : 0;
-    out.opposed += !agrees && s.is_clear ? 1 : 0;
+    if (agrees || !s.is_clear) continue;
+    ++out.opposed;
+    if (c < 0 || r < 0 || c >= board.columns || r >= board.rows) ++out.beyond;
   }
   out.weight = best->second;
   out.is_sure = out.weight >= kLeastWeight && rival <= kMostRival * out.weight &&
                 out.opposed <= kMostOpposed * out.agreeing &&
+                (out.beyond < kFewBeyond || out.beyond < kMostBeyond * out.agreeing) &&
                 out.agreeing >= kLeastShare * static_cast<double>(squares.size());
   return out;
 }

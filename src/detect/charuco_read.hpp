@@ -48,6 +48,7 @@ struct BoardPlacement {
   int shift_c = 0, shift_r = 0;
   int agreeing = 0;   ///< squares that hold the marker that this place asks for
   int opposed = 0;    ///< squares that clearly hold another
+  int beyond = 0;     ///< of these, those around the board
   double weight = 0;  ///< of those that agree: a clear one counts 1
   bool is_sure = false;
 
