@@ -32,8 +32,8 @@ struct ChessGrid {
 /// them lie so that they say it.
 std::optional<Vec2> foretold(const ChessGrid& grid, int c, int r);
 
-/// d px / d (c, r) at a corner by its neighbours; nullopt for a corner without a neighbour in both
-/// directions.
+/// d px / d (c, r) at a corner by its neighbours, or along an axis without one by those of the line beside
+/// it; nullopt where there are neither.
 std::optional<Mat2> steps_at(const ChessGrid& grid, int c, int r);
 
 /// Bend of the row and of the column through a corner [1/px], as SaddleWindow::curvature wants them; 0 where

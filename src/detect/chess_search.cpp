@@ -26,9 +26,17 @@ constexpr double kStray = 0.16;  ///< of the way between two neighbours: off the
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
 constexpr double kFaint = 0.35;  ///< of the median contrast
 
-std::vector<double> scales_of(const cv::Mat& grey) {
-  std::vector<double> out{1};
-  for (double s = 0.5; 2 * s * std::max(grey.cols, grey.rows) > kCoarsest; s /= 2) out.insert(out.begin(), s);
+/// The image and its halves, the smallest first.
+std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
+  std::vector<cv::Mat> out{grey};
+  while (std::max(out.front().cols, out.front().rows) > kCoarsest) {
+    const cv::Mat& from = out.front();
+    // Without the last odd row and column each pixel is the mean of four.
+    const cv::Rect even(0, 0, from.cols / 2 * 2, from.rows / 2 * 2);
+    cv::Mat half;
+    cv::resize(from(even), half, cv::Size(from.cols / 2, from.rows / 2), 0, 0, cv::INTER_AREA);
+    out.insert(out.begin(), half);
+  }
   return out;
 }
 
@@ -68,6 +76,21 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
   const auto weak =
       std::count_if(steps.begin(), steps.end(), [&](double s) { return s / middle < kWeakField; });
   return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
+}
+
+/// Whether the corners that are missing lie outside of the image, or nearer to its border than a search finds
+/// any: refine_grid() looks for those.
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      if (grid.at(c, r)) continue;
+      const auto px = foretold(grid, c, r);
+      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
+          px->y() < image.height - 1 - border_px)
+        return false;
+    }
+  }
+  return true;
 }
 
 struct Fitted {
@@ -164,13 +187,12 @@ void drop_strays(Fitted& out) {
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;
   const int all = board.columns * board.rows;
-  for (const double scale : scales_of(grey)) {
-    cv::Mat image = grey;
-    if (scale < 1) cv::resize(grey, image, cv::Size(), scale, scale, cv::INTER_AREA);
+  const auto pyramid = pyramid_of(grey);
+  for (std::size_t level = 0; level < pyramid.size(); ++level) {
+    const cv::Mat& image = pyramid[level];
+    const double ratio = std::exp2(static_cast<double>(pyramid.size() - 1 - level));
     const double noise = noise_level(image, {0, 0, image.cols, image.rows});
     const auto saddles = find_saddles(image, noise, 20 * all + 1000);
-    const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
-                     static_cast<double>(grey.rows) / image.rows);
     std::size_t largest = 0;
     grow_lattices(saddles, image.size(), [&](const std::vector<LatticeNode>& nodes) {
       auto placed = place_lattice(nodes, saddles, board, image.size());
@@ -182,14 +204,14 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
       auto& grid = std::get<ChessGrid>(placed);
       if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
-        if (p) p = (*p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
+        if (p) p = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
       }
       out.grid = std::move(grid);
-      out.scale = scale;
-      return out.grid.count() == all;
+      out.scale = 1 / ratio;
+      return is_all_in_sight(out.grid, grey.size(), kBorderPx * ratio);
     });
     out.largest = std::max(out.largest, static_cast<int>(largest));
-    if (out.grid.count() == all) break;
+    if (out.grid.count() > 0 && is_all_in_sight(out.grid, grey.size(), kBorderPx / out.scale)) break;
   }
   return out;
 }
@@ -236,7 +258,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       if (const auto J = steps_at(out.grid, c, r)) {
         const SaddleWindow window = window_at(out.grid, how, *J, c, r, 1, true, true);
         if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
-          const auto bent = fit_saddle(grey, best.px, window, noise);
+          const auto bent = fit_saddle(grey, best.px, window, noise, &best);
           if (bent) best = *bent;
         }
       }

@@ -14,10 +14,6 @@ namespace {
 constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
-constexpr double kBorderPx = 9;  ///< nothing is found nearer to the image's border
-/// First cells are looked for among at least so many saddles around one, from a circle of so many spacings.
-constexpr std::size_t kEnoughAround = 40;
-constexpr double kFirstLook = 4;
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -46,6 +42,19 @@ class Buckets {
         for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) {
           if ((saddles_[static_cast<std::size_t>(i)].px - p).squaredNorm() <= radius * radius) visit(i);
         }
+      }
+    }
+  }
+
+  /// The same for the saddles near the box between two points.
+  template <class Visit>
+  void between(const Vec2& a, const Vec2& b, const Visit& visit) const {
+    const Vec2 low = a.cwiseMin(b), high = a.cwiseMax(b);
+    const int x0 = column(low.x(), nx_), x1 = column(high.x(), nx_);
+    const int y0 = column(low.y(), ny_), y1 = column(high.y(), ny_);
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) {
+        for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) visit(i);
       }
     }
   }
@@ -119,29 +128,26 @@ class Growth {
     queue_.emplace_back(i, j);
   }
 
-  /// Fills near_ with the saddles around one that are about as strong.
-  void look_around(int from) {
-    const Saddle& a = saddles_[static_cast<std::size_t>(from)];
-    for (double radius = kFirstLook * buckets_.pitch();; radius *= 2) {
-      near_.clear();
-      buckets_.within(a.px, radius, [&](int i) {
-        if (i != from && is_alike(a, saddles_[static_cast<std::size_t>(i)])) near_.push_back(i);
-      });
-      if (near_.size() >= kEnoughAround || radius > buckets_.extent() / 2) return;
-    }
-  }
-
-  /// Of near_, the first saddle along a direction that is a neighbour, of those that may be tried; -1 where
-  /// none is.
+  /// The first saddle along a direction that is a neighbour, of those that may be tried; -1 where none is.
   int neighbour(int from, const Vec2& direction) {
     const Saddle& a = saddles_[static_cast<std::size_t>(from)];
-    ahead_.clear();
-    for (const int i : near_) {
-      const Vec2 d = px(i) - a.px;
-      const double along = d.dot(direction), beside = std::abs(cross(direction, d));
-      if (along > 3 && beside <= kCone * along) ahead_.emplace_back(along + 2 * beside, i);
+    const auto n_tries = static_cast<std::size_t>(rules_.most_tries);
+    for (double radius = 2 * buckets_.pitch();; radius *= 2) {
+      // The box of the cone, from its apex to its base.
+      const Vec2 base = a.px + radius * direction,
+                 half(-kCone * radius * direction.y(), kCone * radius * direction.x());
+      const Vec2 low = a.px.cwiseMin(base - half).cwiseMin(base + half);
+      const Vec2 high = a.px.cwiseMax(base - half).cwiseMax(base + half);
+      ahead_.clear();
+      buckets_.between(low, high, [&](int i) {
+        const Vec2 d = px(i) - a.px;
+        const double along = d.dot(direction), beside = std::abs(cross(direction, d));
+        if (!(along > 3) || along > radius || beside > kCone * along) return;
+        if (is_alike(a, saddles_[static_cast<std::size_t>(i)])) ahead_.emplace_back(along + 2 * beside, i);
+      });
+      if (ahead_.size() >= n_tries || radius > buckets_.extent() / 2) break;
     }
-    const std::size_t n = std::min(ahead_.size(), static_cast<std::size_t>(rules_.most_tries));
+    const std::size_t n = std::min(ahead_.size(), n_tries);
     std::partial_sort(ahead_.begin(), ahead_.begin() + static_cast<long>(n), ahead_.end());
     // Past a saddle that does not fit the next row but one would, and the whole lattice would be wrong.
     for (std::size_t k = 0; k < n; ++k) {
@@ -167,21 +173,22 @@ class Growth {
     taken_.clear();
     queue_.clear();
     const Saddle& s = saddles_[static_cast<std::size_t>(seed)];
-    // Right-handed pairs of the four ways along its two edges.
-    const bool is_right_handed = cross(s.edge[0], s.edge[1]) > 0;
-    const Vec2 u = s.edge[0], v = is_right_handed ? s.edge[1] : Vec2(-s.edge[1]);
-    const std::array<Vec2, 4> ways{u, v, -u, -v};
-    std::array<std::optional<int>, 4> ends;
-    look_around(seed);
-    const auto end_of = [&](std::size_t k) {
-      if (!ends[k]) ends[k] = neighbour(seed, ways[k]);
-      return *ends[k];
+    // The neighbours along both edges, each in its two senses, looked for when they are asked for.
+    constexpr int kUnknown = -2;
+    int beside[4] = {kUnknown, kUnknown, kUnknown, kUnknown};
+    const auto neighbour_of = [&](int edge, bool forward) {
+      int& known = beside[2 * edge + (forward ? 1 : 0)];
+      if (known == kUnknown) known = neighbour(seed, (forward ? 1 : -1) * s.edge[edge]);
+      return known;
     };
-    for (std::size_t k = 0; k < 4; ++k) {
-      const int right = end_of(k);
-      if (right < 0) continue;
-      const int below = end_of((k + 1) % 4);
-      if (below < 0 || right == below) continue;
+    for (int k = 0; k < 4; ++k) {
+      const bool first_forward = k < 2, second_forward = k % 2 == 0;
+      const bool is_right_handed = (cross(s.edge[0], s.edge[1]) > 0) == (first_forward == second_forward);
+      const int first = neighbour_of(0, first_forward);
+      if (first < 0) continue;
+      const int second = neighbour_of(1, second_forward);
+      const int right = is_right_handed ? first : second, below = is_right_handed ? second : first;
+      if (right < 0 || below < 0 || right == below) continue;
       const Vec2 step_x = px(right) - s.px, step_y = px(below) - s.px;
       const double least = std::min(step_x.norm(), step_y.norm());
       if (std::max(step_x.norm(), step_y.norm()) > 5 * least) continue;
@@ -270,7 +277,6 @@ class Growth {
   const Buckets& buckets_;
   cv::Size image_;
   const LatticeRules& rules_;
-  std::vector<int> near_;                      ///< of look_around()
   std::vector<std::pair<double, int>> ahead_;  ///< of neighbour(): cost and saddle
   std::vector<LatticeNode> nodes_;
   std::map<std::pair<int, int>, int> at_;

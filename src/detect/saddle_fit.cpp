@@ -22,6 +22,7 @@ constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2, kFirstBlurOfSq
                  kMostFirstBlur = 4;
 constexpr double kMinContrast = 3;     ///< grey levels
 constexpr double kLeastError = 0.003;  ///< px; what the model itself is worth (a pixel is no Gaussian)
+constexpr double kNearPx = 0.05, kTherePx = 5e-3;  ///< last steps of the first rounds and of the others
 constexpr int kMinPixels = 14;
 /// The answer of longer arms has to be the same within so many standard
 /// errors and leave about as little.
@@ -43,7 +44,8 @@ struct Region {
 void collect(const cv::Mat& grey, const Vec2& q, const SaddleWindow& window, double arm_px, double blur,
              Region& out) {
   collect_window(grey, q, window, arm_px, blur, out.pixels);
-  out.columns.resize(kSaddleColumns * out.pixels.x.size());
+  out.columns.resize(static_cast<std::size_t>(kSaddleColumns) *
+                     static_cast<std::size_t>(out.pixels.n_padded));
 }
 
 struct Normal {
@@ -119,8 +121,9 @@ Params solve(const std::array<double, kN * kN>& L, Params b) {
   return b;
 }
 
-/// Levenberg-Marquardt over the pixels of `region`; false when it does not settle.
-bool settle(Region& region, const Vec2& curvature, int rounds, Params& p, Normal& normal) {
+/// Levenberg-Marquardt over the pixels of `region` until steps are shorter than `enough_px`; false when it
+/// does not settle.
+bool settle(Region& region, const Vec2& curvature, int rounds, double enough_px, Params& p, Normal& normal) {
   double damping = 1e-3;
   accumulate(region, p, curvature, normal);
   for (int round = 0; round < rounds; ++round) {
@@ -134,7 +137,7 @@ bool settle(Region& region, const Vec2& curvature, int rounds, Params& p, Normal
     next[4] = std::clamp(next[4], std::max(kMinBlur, p[4] / 2), std::min(kMaxBlur, p[4] * 2));
     Normal trial;
     accumulate(region, next, curvature, trial);
-    const bool is_short = std::hypot(step[0], step[1]) < 1e-3;
+    const bool is_short = std::hypot(step[0], step[1]) < enough_px;
     // Sums in single precision: costs that differ by less are the same.
     if (!(trial.cost <= normal.cost * (is_short ? 1 + 1e-5 : 1))) {
       damping *= 10;
@@ -165,9 +168,29 @@ std::optional<double> standard_error(const Normal& normal, double variance) {
   return std::sqrt(variance * trace / 2);
 }
 
+/// A first state of the model, from the pixels next to `start`; false where there is nothing.
+bool find(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window, const double (&angle)[2],
+          Region& region, Params& p) {
+  const Vec2 u = window.J.col(0), v = window.J.col(1);
+  const double square = std::abs(window.J.determinant()) / std::max(u.norm(), v.norm());
+  const double blur = std::clamp(kFirstBlurOfSquare * square, kFirstBlur, kMostFirstBlur);
+  collect(grey, start, window, std::min(window.max_arm_px, std::max(kFirstArmPx, kFirstArmBlurs * blur)),
+          blur, region);
+  if (region.pixels.n < kMinPixels) return false;
+  double mean = 0;
+  for (int i = 0; i < region.pixels.n; ++i)
+    mean += static_cast<double>(region.pixels.grey[static_cast<std::size_t>(i)]) / region.pixels.n;
+  const double reach = std::min({0.5 * window.across, 2 * blur / u.norm(), 2 * blur / v.norm()});
+  const double step = saddle_contrast(grey, start, u * reach, v * reach) / 2;
+  p = {start.x(), start.y(), angle[0], angle[1], blur, mean, step, 0, 0};
+  Normal normal;
+  return settle(region, window.curvature, 8, kNearPx, p, normal);
+}
+
 /// What a settled state says of the corner.
 std::optional<SaddleFit> judged(const Region& region, const Params& p, const Normal& normal, double noise) {
   SaddleFit fit;
+  fit.state = p;
   fit.px = Vec2(p[0], p[1]);
   fit.contrast = p[6];
   fit.blur_px = p[4];
@@ -189,29 +212,24 @@ bool is_corner(const SaddleFit& fit, const Params& p, const double (&angle)[2], 
 }  // namespace
 
 std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window,
-                                    double noise) {
+                                    double noise, const SaddleFit* before) {
   const Vec2 u = window.J.col(0), v = window.J.col(1);
   const double angle[2] = {std::atan2(u.y(), u.x()), std::atan2(v.y(), v.x())};
   Region region;
-  const double square = std::abs(window.J.determinant()) / std::max(u.norm(), v.norm());
-  const double blur = std::clamp(kFirstBlurOfSquare * square, kFirstBlur, kMostFirstBlur);
-  collect(grey, start, window, std::min(window.max_arm_px, std::max(kFirstArmPx, kFirstArmBlurs * blur)),
-          blur, region);
-  if (region.pixels.n < kMinPixels) return std::nullopt;
-  double mean = 0;
-  for (const float g : region.pixels.grey) mean += static_cast<double>(g) / region.pixels.n;
-  const double reach = std::min({0.5 * window.across, 2 * blur / u.norm(), 2 * blur / v.norm()});
-  const double step = saddle_contrast(grey, start, u * reach, v * reach) / 2;
-  Params p{start.x(), start.y(), angle[0], angle[1], blur, mean, step, 0, 0};
+  Params p{};
   Normal normal;
-  if (!settle(region, window.curvature, 8, p, normal)) return std::nullopt;
+  if (before) {
+    p = before->state;
+  } else if (!find(grey, start, window, angle, region, p)) {
+    return std::nullopt;
+  }
   const double limit = window.max_move_px;
   for (int round = 0; round < 2; ++round) {
     const Vec2 at(p[0], p[1]);
     if (!at.allFinite() || (at - start).norm() > limit) return std::nullopt;
     collect(grey, at, window, window.max_arm_px, p[4], region);
     if (region.pixels.n < kMinPixels || 2 * region.pixels.n < region.pixels.places) return std::nullopt;
-    if (!settle(region, window.curvature, 12, p, normal)) return std::nullopt;
+    if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return std::nullopt;
     if ((Vec2(p[0], p[1]) - at).norm() < 0.3) break;
   }
   auto fit = judged(region, p, normal, noise);
@@ -220,7 +238,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   if (window.long_arm_px <= window.max_arm_px || fit->sigma_px < kRoughSigmaPx) return fit;
   // Much noise: as much of the edges as there is.
   collect(grey, fit->px, window, window.long_arm_px, p[4], region);
-  if (!settle(region, window.curvature, 12, p, normal)) return fit;
+  if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return fit;
   const auto longer = judged(region, p, normal, noise);
   const bool is_same = longer && (longer->px - fit->px).norm() < kSameSigmas * fit->sigma_px &&
                        longer->misfit < kSameMisfit * fit->misfit && longer->sigma_px < fit->sigma_px &&

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 
+#include "detect/saddle_kernel.hpp"
 #include "plumbline/core/types.hpp"
 
 /// The sub-pixel place of a corner where four fields meet, by least squares on the grey levels themselves:
@@ -33,14 +35,16 @@ struct SaddleFit {
   double sigma_px = 0;  ///< standard error of each coordinate (root of the mean variance)
   double contrast =
       0;  ///< half the step between the fields; > 0: bright where both board offsets have one sign
-  double blur_px = 0;  ///< Gaussian, lens and pixel together
-  double misfit = 0;   ///< RMS of what the model leaves [grey levels]
+  double blur_px = 0;                         ///< Gaussian, lens and pixel together
+  double misfit = 0;                          ///< RMS of what the model leaves [grey levels]
+  std::array<double, kSaddleParams> state{};  ///< of the model (kSaddleParams), for another fit
 };
 
 /// nullopt: no corner there (the fit runs away or its edges are not as J says, the model leaves too
 /// much, fewer than half of the window's pixels are in the image). `noise`: of the image
-/// [grey levels]; where the model leaves more than that, sigma grows with it.
+/// [grey levels]; where the model leaves more than that, sigma grows with it. `before`: a fit of the same
+/// corner with another window, to begin with (may be null).
 std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window,
-                                    double noise);
+                                    double noise, const SaddleFit* before = nullptr);
 
 }  // namespace plumbline::detail

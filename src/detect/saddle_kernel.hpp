@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-/// The inner loop of fit_saddle(): the normal equations of two blurred edges through one point, several
-/// pixels at a time. Compiled once for each instruction set; the widest that the processor has is chosen when
-/// the program runs. Files compiled for more than the baseline must not emit functions that another file
-/// could be linked to (tests/architecture reads their symbols), so nothing is included here.
+/// The inner loops of find_saddles() and fit_saddle(), several pixels at a time. Compiled once for each
+/// instruction set; the widest that the processor has is chosen when the program runs. Files compiled for
+/// more than the baseline must not emit functions that another file could be linked to (tests/architecture
+/// reads their symbols), so nothing is included here.
 namespace plumbline::detail {
 
 /// Corner x, y; directions of the edges; blur; mean, half step, slopes of the light along x and y.
@@ -35,9 +35,21 @@ struct SaddleModel {
 using SumSaddleFunction = void (*)(const SaddlePixels& pixels, const SaddleModel& model, float* columns,
                                    float* lower);
 
+/// Minus the determinant of the second differences over kSaddleStep pixels, for the pixels from kSaddleStep
+/// to n - kSaddleStep of an image row; `above` and `below` are the rows kSaddleStep away.
+constexpr int kSaddleStep = 2;
+using RespondFunction = void (*)(const unsigned char* above, const unsigned char* here,
+                                 const unsigned char* below, int n, float* out);
+
+/// The x in [first, last) at which a row has a value of `least` or more that no neighbour within the row
+/// exceeds (of two equal ones the right one); returns how many there are.
+using PeaksFunction = int (*)(const float* row, int first, int last, float least, int* out);
+
 struct SaddleKernels {
   const char* name;
   SumSaddleFunction sum;
+  RespondFunction respond;
+  PeaksFunction peaks;
 };
 
 extern const SaddleKernels kBaselineSaddleKernels;

@@ -5,7 +5,7 @@
 
 namespace plumbline::detail {
 
-constinit const SaddleKernels kAvx2SaddleKernels{"avx2", &sum};
+constinit const SaddleKernels kAvx2SaddleKernels{"avx2", &sum, &respond, &peaks};
 
 }  // namespace plumbline::detail
 #endif

@@ -5,7 +5,7 @@
 
 namespace plumbline::detail {
 
-constinit const SaddleKernels kAvx512SaddleKernels{"avx512", &sum};
+constinit const SaddleKernels kAvx512SaddleKernels{"avx512", &sum, &respond, &peaks};
 
 }  // namespace plumbline::detail
 #endif

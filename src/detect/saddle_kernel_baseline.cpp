@@ -4,6 +4,6 @@
 
 namespace plumbline::detail {
 
-constinit const SaddleKernels kBaselineSaddleKernels{"baseline", &sum};
+constinit const SaddleKernels kBaselineSaddleKernels{"baseline", &sum, &respond, &peaks};
 
 }  // namespace plumbline::detail

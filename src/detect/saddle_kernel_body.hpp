@@ -120,5 +120,54 @@ void sum(const SaddlePixels& pixels, const SaddleModel& model, float* columns, f
   sum_block<5>(columns, n, 8, 5, lower);
 }
 
+void respond(const unsigned char* above, const unsigned char* here, const unsigned char* below, int n,
+             float* out) {
+  constexpr int k = kSaddleStep;
+  for (int x = k; x < n - k; ++x) {
+    const int middle = 2 * here[x];
+    const auto xx = static_cast<float>(here[x - k] + here[x + k] - middle);
+    const auto yy = static_cast<float>(above[x] + below[x] - middle);
+    const auto xy = static_cast<float>(above[x - k] + below[x + k] - above[x + k] - below[x - k]);
+    out[x] = 0.0625F * xy * xy - xx * yy;
+  }
+}
+
+/// The largest of kStretch values.
+constexpr int kStretch = 64;
+PLUMBLINE_INLINE float largest(const float* row) {
+  Floats most = load(row);
+  for (int i = kWidth; i < kStretch; i += kWidth) {
+    const Floats other = load(row + i);
+    most = other > most ? other : most;
+  }
+  float out = most[0];
+  for (int i = 1; i < kWidth; ++i) out = most[i] > out ? most[i] : out;
+  return out;
+}
+
+int peaks(const float* row, int first, int last, float least, int* out) {
+  int n = 0;
+  for (int x0 = first; x0 < last; x0 += kStretch) {
+    const int x1 = x0 + kStretch < last ? x0 + kStretch : last;
+    // Most stretches of most images hold nothing.
+    if (x1 - x0 == kStretch && !(largest(row + x0) >= least)) continue;
+    unsigned char is_peak[kStretch] = {};
+    for (int x = x0; x < x1; ++x) {
+      const float here = row[x];
+      is_peak[x - x0] =
+          static_cast<unsigned char>((here >= least) & (here >= row[x - 1]) & (here > row[x + 1]));
+    }
+    for (int i = 0; i < kStretch; i += 8) {
+      unsigned long long eight;
+      __builtin_memcpy(&eight, is_peak + i, sizeof eight);
+      if (eight == 0) continue;
+      for (int k = i; k < i + 8; ++k) {
+        if (is_peak[k] != 0) out[n++] = x0 + k;
+      }
+    }
+  }
+  return n;
+}
+
 }  // namespace
 }  // namespace plumbline::detail

@@ -45,38 +45,46 @@ struct Span {
 constexpr Span kNone{0, -1};
 bool is_empty(const Span& span) { return span.last < span.first; }
 
-/// The x at which low <= a x + b <= high, within [first, last].
-Span cut(Span span, double a, double b, double low, double high) {
-  if (std::abs(a) < 1e-12) return b >= low && b <= high ? span : kNone;
-  const double x0 = (low - b) / a, x1 = (high - b) / a;
-  // Clamped before rounding: a band that runs nearly along the row reaches far.
-  const double least = std::clamp(std::min(x0, x1), span.first - 1.0, span.last + 1.0);
-  const double most = std::clamp(std::max(x0, x1), span.first - 1.0, span.last + 1.0);
-  return {std::max(span.first, static_cast<int>(std::ceil(least))),
-          std::min(span.last, static_cast<int>(std::floor(most)))};
-}
+/// A coordinate along image rows: slope x + offset.
+struct Along {
+  double slope, inverse;
+  explicit Along(double per_px) : slope(per_px), inverse(std::abs(per_px) < 1e-12 ? 0 : 1 / per_px) {}
+  /// The x at which low <= slope x + offset <= high, within the span.
+  Span cut(const Span& span, double offset, double low, double high) const {
+    if (inverse == 0) return offset >= low && offset <= high ? span : kNone;
+    const double x0 = (low - offset) * inverse, x1 = (high - offset) * inverse;
+    // Clamped before rounding: a band that runs nearly along the row reaches far.
+    const double least = std::clamp(std::min(x0, x1), span.first - 1.0, span.last + 1.0);
+    const double most = std::clamp(std::max(x0, x1), span.first - 1.0, span.last + 1.0);
+    return {std::max(span.first, static_cast<int>(std::ceil(least))),
+            std::min(span.last, static_cast<int>(std::floor(most)))};
+  }
+};
 
 void append(const cv::Mat& grey, int y, Span span, WindowPixels& out) {
   if (is_empty(span)) return;
   out.places += span.last - span.first + 1;
   if (y < 0 || y >= grey.rows) return;
   span = {std::max(span.first, 0), std::min(span.last, grey.cols - 1)};
+  if (is_empty(span)) return;
   const auto* row = grey.ptr<unsigned char>(y);
-  const auto x0 = static_cast<int>(out.origin.x()), y0 = static_cast<int>(out.origin.y());
-  for (int x = span.first; x <= span.last; ++x) {
-    out.x.push_back(static_cast<float>(x - x0));
-    out.grey.push_back(static_cast<float>(row[x]));
+  const auto x0 = static_cast<int>(out.origin.x());
+  const auto down = static_cast<float>(y - static_cast<int>(out.origin.y()));
+  auto at = static_cast<std::size_t>(out.n);
+  for (int x = span.first; x <= span.last; ++x, ++at) {
+    out.x[at] = static_cast<float>(x - x0);
+    out.y[at] = down;
+    out.grey[at] = static_cast<float>(row[x]);
   }
-  out.y.resize(out.x.size(), static_cast<float>(y - y0));
+  out.n = static_cast<int>(at);
 }
 
 }  // namespace
 
 void collect_window(const cv::Mat& grey, const Vec2& q, const SaddleWindow& w, double arm_px, double blur,
                     WindowPixels& out) {
-  for (auto* column : {&out.x, &out.y, &out.grey, &out.weight}) column->clear();
   out.origin = q.array().round();
-  out.places = 0;
+  out.places = out.n = 0;
   const Bands bands = bands_of(w, arm_px, blur);
   const Mat2 board_from_px = w.J.inverse();
   Vec2 reach = Vec2::Zero();
@@ -86,17 +94,20 @@ void collect_window(const cv::Mat& grey, const Vec2& q, const SaddleWindow& w, d
   }
   const Span all{static_cast<int>(std::ceil(q.x() - reach.x())),
                  static_cast<int>(std::floor(q.x() + reach.x()))};
+  const int y0 = static_cast<int>(std::ceil(q.y() - reach.y()));
   const int y1 = static_cast<int>(std::floor(q.y() + reach.y()));
-  for (int y = static_cast<int>(std::ceil(q.y() - reach.y())); y <= y1; ++y) {
-    std::array<Span, 2> spans;
-    for (int k = 0; k < 2; ++k) {
-      const auto across = [&](int axis) {
-        return board_from_px(axis, 1) * (y - q.y()) - board_from_px(axis, 0) * q.x();
-      };
-      const Span along = cut(all, board_from_px(k, 0), across(k), bands.low[k], bands.high[k]);
-      spans[static_cast<std::size_t>(k)] =
-          is_empty(along) ? along
-                          : cut(along, board_from_px(1 - k, 0), across(1 - k), -bands.side[k], bands.side[k]);
+  const std::size_t most = static_cast<std::size_t>(std::max(0, all.last - all.first + 1)) *
+                               static_cast<std::size_t>(std::max(0, y1 - y0 + 1)) +
+                           kSaddlePad;
+  for (auto* column : {&out.x, &out.y, &out.grey}) column->resize(std::max(column->size(), most));
+  const std::array<Along, 2> along{Along(board_from_px(0, 0)), Along(board_from_px(1, 0))};
+  for (int y = y0; y <= y1; ++y) {
+    const Vec2 offset = board_from_px.col(1) * (y - q.y()) - board_from_px.col(0) * q.x();
+    std::array<Span, 2> spans{};
+    for (std::size_t k = 0; k < 2; ++k) {
+      spans[k] = along[k].cut(all, offset[static_cast<int>(k)], bands.low[k], bands.high[k]);
+      if (!is_empty(spans[k]))
+        spans[k] = along[1 - k].cut(spans[k], offset[static_cast<int>(1 - k)], -bands.side[k], bands.side[k]);
     }
     auto [a, b] = spans;
     if (a.first > b.first) std::swap(a, b);
@@ -104,10 +115,12 @@ void collect_window(const cv::Mat& grey, const Vec2& q, const SaddleWindow& w, d
     append(grey, y, a, out);
     append(grey, y, b, out);
   }
-  out.n = static_cast<int>(out.x.size());
-  const std::size_t padded = (out.x.size() + kSaddlePad - 1) / kSaddlePad * kSaddlePad;
-  out.weight.resize(out.x.size(), 1.0F);
-  for (auto* column : {&out.x, &out.y, &out.grey, &out.weight}) column->resize(padded, 0.0F);
+  const auto n = static_cast<std::size_t>(out.n);
+  out.n_padded = static_cast<int>((n + kSaddlePad - 1) / kSaddlePad * kSaddlePad);
+  out.weight.assign(n, 1.0F);
+  out.weight.resize(static_cast<std::size_t>(out.n_padded), 0.0F);
+  for (auto* column : {&out.x, &out.y, &out.grey})
+    std::fill(column->begin() + out.n, column->begin() + out.n_padded, 0.0F);
 }
 
 }  // namespace plumbline::detail

@@ -10,13 +10,12 @@ namespace plumbline::detail {
 
 /// The pixels that belong to a corner, in columns for the kernel.
 struct WindowPixels {
-  Vec2 origin = Vec2::Zero();  ///< the pixel that x and y count from
-  std::vector<float> x, y, grey, weight;
-  int n = 0;       ///< without the padding
+  Vec2 origin = Vec2::Zero();             ///< the pixel that x and y count from
+  std::vector<float> x, y, grey, weight;  ///< as long as has been needed: the first n_padded count
+  int n = 0;                              ///< without the padding
+  int n_padded = 0;
   int places = 0;  ///< of the window, those outside of the image too
-  SaddlePixels view() const {
-    return {x.data(), y.data(), grey.data(), weight.data(), static_cast<int>(x.size())};
-  }
+  SaddlePixels view() const { return {x.data(), y.data(), grey.data(), weight.data(), n_padded}; }
 };
 
 /// The pixels around a corner at `q` that lie near one of its two edges: as far along them as `arm_px`, half
