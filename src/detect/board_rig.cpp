@@ -21,7 +21,7 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
     }
   }
   LatticePyramid lattices(grey);  // shared by all parts
-  std::vector<CharucoReading> readings(rig.parts.size());
+  std::vector<CharucoFind> finds(rig.parts.size());
   const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
 
   Detection out;
@@ -29,9 +29,9 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   for (std::size_t i = 0; i < rig.parts.size(); ++i) {
     const auto* charuco = std::get_if<Charuco>(&rig.parts[i].board);
     if (charuco == nullptr) continue;
-    readings[i] = read_charuco(lattices, *charuco);
+    finds[i] = find_charuco(lattices, *charuco);
     has_open = has_open || has_open_layout(*charuco);
-    out.layout_vote += readings[i].layout_vote;
+    out.layout_vote += finds[i].reading.layout_vote;
   }
   const auto layout = out.layout_vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent;
   std::vector<std::string> reasons;
@@ -40,9 +40,11 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
     Detection found;
     int n_points = 0;
     if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
-      Charuco board = *charuco;
-      if (has_open_layout(board)) board.layout = layout;
-      found = charuco_from_reading(grey, board, readings[static_cast<std::size_t>(part_number)]);
+      const CharucoFind& find = finds[static_cast<std::size_t>(part_number)];
+      const bool is_legacy = layout == Charuco::Layout::kLegacy;
+      found = find.detection;
+      if (has_open_layout(*charuco) && (find.reading.layout_vote < 0) != is_legacy)
+        found = charuco_from_reading(grey, *charuco, find.reading, is_legacy);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
       found = aprilgrid_from_tags(grey, *grid, tags);

@@ -15,9 +15,9 @@ namespace plumbline::detail {
 namespace {
 
 constexpr std::size_t kMinCorners = 4;
-constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
-constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
-constexpr double kEnough = 0.3;            ///< of the board's corners in lattices: finer images add little
+constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
+constexpr double kMinReach = 1.5;                   ///< [px] between an edge and the markers beside it
+constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
 constexpr double kOutside = 0.15, kFewOutside = 4;  ///< of a lattice's nodes that may lie beyond the board
 constexpr int kFew = 3;  ///< markers that lie wrong before they are another board's
 constexpr int kRounds = 12;
@@ -117,47 +117,53 @@ std::string why_none(const Charuco& board, const CharucoReading& reading) {
                      n_markers(board), board.dictionary);
 }
 
-}  // namespace
-
-CharucoReading read_charuco(LatticePyramid& pyramid, const Charuco& board) {
-  const MarkerBook book = marker_book(board.dictionary);
+CharucoReading read_level(LatticePyramid& pyramid, int level, const Charuco& board, const MarkerBook& book) {
   const bool has_legacy = board.rows % 2 == 0 && board.layout != Charuco::Layout::kCurrent;
   const bool has_current = board.rows % 2 != 0 || board.layout != Charuco::Layout::kLegacy;
-  const int all = (board.columns - 1) * (board.rows - 1);
   CharucoReading out;
-  int best_nodes = 0;
-  for (int k = 0; k < pyramid.n_levels(); ++k) {
-    CharucoReading here;
-    int nodes = 0;
-    for (const SeenLattice& lattice : pyramid.level(k)) {
-      const auto squares = read_squares(pyramid.grey(), lattice, board, book);
-      if (squares.empty()) continue;
-      CharucoReading::Part part{lattice, {}, {}};
-      if (has_current) part.current = place_on_board(squares, board, false);
-      if (has_legacy) part.legacy = place_on_board(squares, board, true);
-      int part_nodes = 0;
-      for (BoardPlacement* p : {&part.current, &part.legacy}) {
-        const int n = p->is_sure ? nodes_on_board(lattice, *p, board) : 0;
-        p->is_sure = n > 0;
-        part_nodes = std::max(part_nodes, n);
-      }
-      const int agreeing = std::max(part.current.agreeing, part.legacy.agreeing);
-      const int clear =
-          static_cast<int>(std::count_if(squares.begin(), squares.end(), [](auto& s) { return s.is_clear; }));
-      if (std::max(clear, agreeing) > here.n_markers) {
-        here.n_markers = std::max(clear, agreeing);
-        here.n_opposed = here.n_markers - agreeing;
-      }
-      if (part_nodes == 0) continue;
-      if (has_open_layout(board)) here.layout_vote += part.current.agreeing - part.legacy.agreeing;
-      nodes += part_nodes;
-      here.parts.push_back(std::move(part));
-    }
-    if (nodes > best_nodes || (best_nodes == 0 && here.n_markers > out.n_markers)) out = std::move(here);
-    best_nodes = std::max(best_nodes, nodes);
-    if (best_nodes >= kEnough * all) break;
+  for (const SeenLattice& lattice : pyramid.level(level)) {
+    const auto squares = read_squares(pyramid.grey(), lattice, board, book);
+    if (squares.empty()) continue;
+    CharucoReading::Part part{lattice, {}, {}};
+    if (has_current) part.current = place_on_board(squares, board, false);
+    if (has_legacy) part.legacy = place_on_board(squares, board, true);
+    for (BoardPlacement* p : {&part.current, &part.legacy})
+      p->is_sure = p->is_sure && nodes_on_board(lattice, *p, board) > 0;
+    const int agreeing = std::max(part.current.agreeing, part.legacy.agreeing);
+    const auto clear = std::count_if(squares.begin(), squares.end(), [](auto& s) { return s.is_clear; });
+    const int markers = std::max(static_cast<int>(clear), agreeing);
+    if (markers > out.n_markers) out.n_markers = markers, out.n_opposed = markers - agreeing;
+    if (!part.current.is_sure && !part.legacy.is_sure) continue;
+    if (has_open_layout(board)) out.layout_vote += part.current.agreeing - part.legacy.agreeing;
+    out.parts.push_back(std::move(part));
   }
   return out;
+}
+
+bool is_whole(const Detection& found, const Charuco& board, cv::Size image) {
+  ChessGrid grid(board.columns - 1, board.rows - 1);
+  for (const Corner& c : found.corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
+  return !found.corners.empty() && is_all_in_sight(grid, image, kBorderPx);
+}
+
+}  // namespace
+
+CharucoFind find_charuco(LatticePyramid& pyramid, const Charuco& board) {
+  const MarkerBook book = marker_book(board.dictionary);
+  const cv::Mat& grey = pyramid.grey();
+  CharucoFind best;
+  for (int k = 0; k < pyramid.n_levels(); ++k) {
+    CharucoFind here;
+    here.reading = read_level(pyramid, k, board, book);
+    const bool is_legacy = board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy ||
+                                                   (has_open_layout(board) && here.reading.layout_vote < 0));
+    here.detection = charuco_from_reading(grey, board, here.reading, is_legacy);
+    const std::size_t n = here.detection.corners.size(), n_best = best.detection.corners.size();
+    const bool is_better = n != n_best ? n > n_best : here.reading.n_markers > best.reading.n_markers;
+    if (k == 0 || is_better) best = std::move(here);
+    if (is_whole(best.detection, board, grey.size())) break;
+  }
+  return best;
 }
 
 std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) {
@@ -176,11 +182,10 @@ std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) 
   return is_open ? std::optional<Target>(std::move(out)) : std::nullopt;
 }
 
-Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading) {
+Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading,
+                               bool is_legacy) {
   Detection out;
-  out.layout_vote = has_open_layout(board) ? reading.layout_vote : 0;
-  const bool is_legacy =
-      board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy || out.layout_vote < 0);
+  out.layout_vote = reading.layout_vote;
   ChessGrid grid(board.columns - 1, board.rows - 1);
   double scale = 1;
   int n_read = 0;
@@ -211,7 +216,7 @@ Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const 
 
 Detection detect_charuco(const cv::Mat& grey, const Charuco& board) {
   LatticePyramid pyramid(grey);
-  return charuco_from_reading(grey, board, read_charuco(pyramid, board));
+  return find_charuco(pyramid, board).detection;
 }
 
 }  // namespace plumbline::detail

@@ -23,10 +23,17 @@ struct CharucoReading {
   int n_opposed = 0;  ///< there, those that lie elsewhere than on the board
 };
 
-CharucoReading read_charuco(LatticePyramid& pyramid, const Charuco& board);
+/// A board, looked for from the coarsest level to the finest: the first that shows all corners that are in
+/// sight, or the one that shows most. A layout that is open is the one with more votes.
+struct CharucoFind {
+  CharucoReading reading;
+  Detection detection;
+};
+CharucoFind find_charuco(LatticePyramid& pyramid, const Charuco& board);
 
-/// The board's corners from a reading. A layout that is open is the one with more votes.
-Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading);
+/// The board's corners from a reading, under one of its layouts.
+Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading,
+                               bool is_legacy);
 
 /// Whether the board looks different under the two layouts and the target leaves open which it is.
 inline bool has_open_layout(const Charuco& board) {

@@ -14,7 +14,10 @@ namespace {
 /// them.
 constexpr int kCoarsest = 500;
 constexpr int kMostSaddles = 4000;
-constexpr int kTries = 3;  ///< saddles along an edge; those of a marker stand beside it
+/// Saddles along an edge: those of a marker stand beside it. Seen aslant, edges lie far from where smoothed
+/// curvatures say.
+constexpr int kTries = 6;
+constexpr double kCone = 0.65;
 constexpr int kLeastBox = 2, kMostLattices = 150;
 /// Beside an edge [of its length, px]: inside of the white around a marker.
 constexpr double kBeside = 0.06, kLeastBeside = 1.2;
@@ -87,7 +90,8 @@ const std::vector<SeenLattice>& LatticePyramid::level(int k) {
   const double noise = noise_level(image, {0, 0, image.cols, image.rows});
   const auto saddles = find_saddles(image, noise, kMostSaddles);
   LatticeRules rules;
-  rules.most_tries = kTries, rules.least_box = kLeastBox, rules.most_lattices = kMostLattices;
+  rules.most_tries = kTries, rules.cone = kCone, rules.least_box = kLeastBox,
+  rules.most_lattices = kMostLattices;
   rules.is_edge = [&](const Saddle& a, const Saddle& b) { return is_edge(image, a, b); };
   grow_lattices(
       saddles, image.size(),

@@ -78,21 +78,6 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
   return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
 }
 
-/// Whether the corners that are missing lie outside of the image, or nearer to its border than a search finds
-/// any: refine_grid() looks for those.
-bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
-  for (int r = 0; r < grid.rows; ++r) {
-    for (int c = 0; c < grid.columns; ++c) {
-      if (grid.at(c, r)) continue;
-      const auto px = foretold(grid, c, r);
-      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
-          px->y() < image.height - 1 - border_px)
-        return false;
-    }
-  }
-  return true;
-}
-
 struct Fitted {
   ChessGrid grid;
   GridFit how;
@@ -183,6 +168,19 @@ void drop_strays(Fitted& out) {
 }
 
 }  // namespace
+
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      if (grid.at(c, r)) continue;
+      const auto px = foretold(grid, c, r);
+      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
+          px->y() < image.height - 1 - border_px)
+        return false;
+    }
+  }
+  return true;
+}
 
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;

@@ -18,6 +18,10 @@ struct ChessSearch {
 /// The board, or a part of it that tells which, at the lowest of several sizes at which it is whole.
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board);
 
+/// Whether the corners of a board that a grid lacks lie outside of the image, or nearer than `border_px` to
+/// its border, as far as those beside them say.
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px);
+
 /// The corners of a grid refined, those that it lacks looked for where their neighbours say, and those thrown
 /// out that are none. By point.
 struct ChessCorner {

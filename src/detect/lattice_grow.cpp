@@ -11,7 +11,6 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
@@ -135,14 +134,14 @@ class Growth {
     for (double radius = 2 * buckets_.pitch();; radius *= 2) {
       // The box of the cone, from its apex to its base.
       const Vec2 base = a.px + radius * direction,
-                 half(-kCone * radius * direction.y(), kCone * radius * direction.x());
+                 half(-rules_.cone * radius * direction.y(), rules_.cone * radius * direction.x());
       const Vec2 low = a.px.cwiseMin(base - half).cwiseMin(base + half);
       const Vec2 high = a.px.cwiseMax(base - half).cwiseMax(base + half);
       ahead_.clear();
       buckets_.between(low, high, [&](int i) {
         const Vec2 d = px(i) - a.px;
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
-        if (!(along > 3) || along > radius || beside > kCone * along) return;
+        if (!(along > 3) || along > radius || beside > rules_.cone * along) return;
         if (is_alike(a, saddles_[static_cast<std::size_t>(i)])) ahead_.emplace_back(along + 2 * beside, i);
       });
       if (ahead_.size() >= n_tries || radius > buckets_.extent() / 2) break;

@@ -33,6 +33,7 @@ struct LatticeNode {
 /// What counts as a lattice. The defaults are for boards of plain squares.
 struct LatticeRules {
   int most_tries = 1;  ///< saddles along an edge that may be its other end, where others stand beside edges
+  double cone = 0.3;   ///< off an edge's direction that it may lie: tangent
   int least_box = 3;   ///< places of the smallest lattice in both directions; all of a box of 2x2 or 3x3
   int most_lattices = 40;
   /// Whether an edge runs from one saddle to the other; asked for the first cell of a lattice. Empty: it
