@@ -223,6 +223,25 @@ Vec2 curvature_at(const ChessGrid& grid, int c, int r) {
   return out;
 }
 
+bool has_kept_its_rims(const ChessGrid& before, const ChessGrid& after) {
+  const auto on_line = [](const ChessGrid& grid, bool is_column, int at) {
+    int n = 0;
+    for (int k = 0; k < (is_column ? grid.rows : grid.columns); ++k)
+      n += (is_column ? grid.at(at, k) : grid.at(k, at)) ? 1 : 0;
+    return n;
+  };
+  for (const bool is_column : {false, true}) {
+    const int lines = is_column ? before.columns : before.rows;
+    int first = 0, last = lines - 1;
+    while (first < last && on_line(before, is_column, first) == 0) ++first;
+    while (last > first && on_line(before, is_column, last) == 0) --last;
+    for (const int at : {first, last}) {
+      if (2 * on_line(after, is_column, at) < on_line(before, is_column, at)) return false;
+    }
+  }
+  return true;
+}
+
 std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode>& all,
                                                    const std::vector<Saddle>& saddles,
                                                    const Chessboard& board, cv::Size image) {

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "detect/bends.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
 
@@ -15,9 +16,6 @@ namespace {
 
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
 constexpr int kCoarsest = 500;
-constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
-constexpr double kLongArmPx = 40;    ///< of windows in much noise
-constexpr double kMostBendPx = 0.3;  ///< a parabola is a bent edge so far
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
 constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
@@ -78,6 +76,24 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
   return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
 }
 
+/// Whether two grids share corners: two lattices of one board, not two boards.
+bool overlap(const ChessGrid& a, const ChessGrid& b, double near_px) {
+  return std::any_of(a.px.begin(), a.px.end(), [&](const auto& p) {
+    return p && std::any_of(b.px.begin(), b.px.end(),
+                            [&](const auto& q) { return q && (*p - *q).norm() < near_px; });
+  });
+}
+
+/// Whether there are enough saddles as strong as those of a lattice for a second board.
+bool has_room_for_another(const std::vector<Saddle>& saddles, const std::vector<LatticeNode>& nodes) {
+  double weakest = 1e30;
+  for (const LatticeNode& n : nodes)
+    weakest = std::min(weakest, saddles[static_cast<std::size_t>(n.saddle)].strength);
+  const auto n = std::count_if(saddles.begin(), saddles.end(),
+                               [&](const Saddle& s) { return s.strength > kFaint * weakest; });
+  return static_cast<std::size_t>(n) >= 2 * nodes.size();
+}
+
 struct Fitted {
   ChessGrid grid;
   GridFit how;
@@ -92,13 +108,7 @@ SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J,
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
   if (!with_bend) return window;
-  const Vec2 bend = curvature_at(grid, c, r);
-  window.long_arm_px =
-      std::min(kLongArmPx, std::sqrt(2 * kMostBendPx / std::max(1e-9, bend.cwiseAbs().maxCoeff())));
-  for (int axis = 0; axis < 2; ++axis) {
-    const double arm = std::min(window.long_arm_px, 0.5 * J.col(axis).norm());
-    if (std::abs(bend[axis]) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend[axis];
-  }
+  set_bends(curvature_at(grid, c, r), window);
   return window;
 }
 
@@ -200,13 +210,18 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
         return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
-      if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
+      const bool is_worth_a_look = grid.count() > out.grid.count() || 2 * grid.count() > all;
+      if (!is_worth_a_look || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
         if (p) p = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
       }
-      out.grid = std::move(grid);
-      out.scale = 1 / ratio;
-      return is_all_in_sight(out.grid, grey.size(), kBorderPx * ratio);
+      out.is_twice = out.is_twice ||
+                     (grid.count() == all && out.grid.count() == all && !overlap(grid, out.grid, 3 * ratio));
+      if (grid.count() > out.grid.count()) {
+        out.grid = std::move(grid);
+        out.scale = 1 / ratio;
+      }
+      return out.is_twice || (out.grid.count() == all && !has_room_for_another(saddles, nodes));
     });
     out.largest = std::max(out.largest, static_cast<int>(largest));
     if (out.grid.count() > 0 && is_all_in_sight(out.grid, grey.size(), kBorderPx / out.scale)) break;
