@@ -19,6 +19,7 @@ constexpr int kMostSaddles = 4000;
 constexpr int kTries = 6;
 constexpr double kCone = 0.65;
 constexpr int kLeastBox = 2, kMostLattices = 150;
+constexpr double kLeastShare = 0.3;  ///< of its box that a lattice fills
 /// Beside an edge [of its length, px]: inside of the white around a marker.
 constexpr double kBeside = 0.06, kLeastBeside = 1.2;
 constexpr double kLeastStep = 0.3;  ///< across an edge, of the largest along it
@@ -41,13 +42,14 @@ bool is_edge(const cv::Mat& image, const Saddle& a, const Saddle& b) {
   return most > 4 && least > kLeastStep * most;
 }
 
-SeenLattice seen_lattice(const std::vector<LatticeNode>& nodes, const std::vector<Saddle>& saddles,
-                         const Vec2& ratio, double scale) {
+std::optional<SeenLattice> seen_lattice(const std::vector<LatticeNode>& nodes,
+                                        const std::vector<Saddle>& saddles, const Vec2& ratio, double scale) {
   int i0 = 1 << 20, i1 = -i0, j0 = i0, j1 = -i0;
   for (const LatticeNode& n : nodes) {
     i0 = std::min(i0, n.i), i1 = std::max(i1, n.i);
     j0 = std::min(j0, n.j), j1 = std::max(j1, n.j);
   }
+  if (static_cast<double>(nodes.size()) < kLeastShare * (i1 - i0 + 1) * (j1 - j0 + 1)) return std::nullopt;
   SeenLattice out;
   out.grid = ChessGrid(i1 - i0 + 3, j1 - j0 + 3);
   out.scale = scale;
@@ -96,7 +98,8 @@ const std::vector<SeenLattice>& LatticePyramid::level(int k) {
   grow_lattices(
       saddles, image.size(),
       [&](const std::vector<LatticeNode>& nodes) {
-        level->push_back(seen_lattice(nodes, saddles, ratio, 1 / ratio.x()));
+        if (auto lattice = seen_lattice(nodes, saddles, ratio, 1 / ratio.x()))
+          level->push_back(std::move(*lattice));
         return false;
       },
       rules);

@@ -329,7 +329,7 @@ class Growth {
     for (const Foretold& target : foretell(i, j, di, dj)) {
       const double radius = target.nearness * (target.px - px(from)).norm();
       const int found = nearest(target.px, radius, saddles_[static_cast<std::size_t>(from)], true);
-      if (found < 0) continue;
+      if (found < 0 || !are_edges(from, {found})) continue;
       put(i + di, j + dj, found);
       return;
     }
