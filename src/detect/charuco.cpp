@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::size_t kMinCorners = 4;
 constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
-constexpr double kMinReach = 1.5;                   ///< [px] between an edge and the markers beside it
+constexpr double kMinReach = 0.8;                   ///< [px] between an edge and the markers beside it
 constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
 constexpr double kOutside = 0.15, kFewOutside = 4;  ///< of a lattice's nodes that may lie beyond the board
 constexpr int kFew = 3;  ///< markers that lie wrong before they are another board's
@@ -140,10 +140,16 @@ CharucoReading read_level(LatticePyramid& pyramid, int level, const Charuco& boa
   return out;
 }
 
+/// Whether all corners that are missing lie outside of the image, as those beside them say; few scattered
+/// corners say nothing.
 bool is_whole(const Detection& found, const Charuco& board, cv::Size image) {
   ChessGrid grid(board.columns - 1, board.rows - 1);
   for (const Corner& c : found.corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
-  return !found.corners.empty() && is_all_in_sight(grid, image, kBorderPx);
+  if (grid.count() == static_cast<int>(grid.px.size())) return true;
+  bool is_foretold = false;
+  for (int i = 0; i < static_cast<int>(grid.px.size()) && !is_foretold; ++i)
+    is_foretold = !grid.px[static_cast<std::size_t>(i)] && foretold(grid, i % grid.columns, i / grid.columns);
+  return is_foretold && is_all_in_sight(grid, image, kBorderPx);
 }
 
 }  // namespace

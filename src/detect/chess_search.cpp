@@ -128,7 +128,13 @@ void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, boo
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
   to.reset();
   if (!J || out.how.across * narrow_height(*J) < out.how.least_across_px) return;
-  to = fit_saddle(grey, start, window_at(out.grid, out.how, *J, c, r, scale, is_seen, false), noise);
+  SaddleWindow window = window_at(out.grid, out.how, *J, c, r, scale, is_seen, false);
+  to = fit_saddle(grey, start, window, noise);
+  if (to || out.how.across >= 1) return;
+  // Glare, a strong bend, markers close by: nearer to the corner there is less of it.
+  window.max_arm_px = kShortArmPx;
+  window.long_arm_px = 0;
+  to = fit_saddle(grey, start, window, noise);
 }
 
 /// Sides alternate from corner to corner, and no corner is much fainter than the others.
