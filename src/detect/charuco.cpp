@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "detect/charuco_strays.hpp"
 #include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
 #include "detect/strays.hpp"
@@ -16,7 +17,9 @@ namespace {
 
 constexpr std::size_t kMinCorners = 4;
 constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
+constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 0.8;                   ///< [px] between an edge and the markers beside it
+constexpr double kMinBlurs = 1.25;                  ///< the same in blurs
 constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
 constexpr double kOutside = 0.15, kFewOutside = 4;  ///< of a lattice's nodes that may lie beyond the board
 constexpr int kFew = 3;  ///< markers that lie wrong before they are another board's
@@ -94,11 +97,11 @@ std::vector<Corner> corners_of(const cv::Mat& grey, const Charuco& board, const 
     if (p) px.push_back(*p);
   }
   const double noise = noise_level(grey, bounding_box(px, grey));
-  const GridFit how{(1 - board.marker_m / board.square_m) / 2, kMinReach, kRounds};
+  const GridFit how{(1 - board.marker_m / board.square_m) / 2, kMinReach, kMinBlurs, kRounds};
   std::vector<Refined> refined;
-  for (const ChessCorner& c : refine_grid(grey, grid, scale, noise, how)) {
+  for (const ChessCorner& c :
+       without_odd(refine_grid(grey, grid, scale, noise, how), grid.columns, grid.rows))
     refined.push_back({c.point, Vec2(c.point % grid.columns, c.point / grid.columns), c.px, c.sigma_px});
-  }
   double limit = 0;
   if (refined.size() >= kMinToCompare) refined = without_strays(std::move(refined), limit);
   std::vector<Corner> out;

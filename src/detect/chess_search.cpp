@@ -157,6 +157,25 @@ void drop_misfits(Fitted& out) {
   }
 }
 
+/// Where the blur fills what is clean beside the edges nothing tells a corner from what lies beyond.
+void drop_blurred(Fitted& out) {
+  if (out.how.least_blurs <= 0) return;
+  std::vector<double> blur;
+  for (const auto& f : out.fits) {
+    if (f) blur.push_back(f->blur_px);
+  }
+  const double least = out.how.least_blurs * median(blur) / out.how.across;
+  for (int i = 0; i < static_cast<int>(out.fits.size()); ++i) {
+    auto& f = out.fits[static_cast<std::size_t>(i)];
+    const auto J = f ? steps_near(out.grid, i % out.grid.columns, i / out.grid.columns) : std::nullopt;
+    if (!J || narrow_height(*J) >= least) continue;
+    f.reset();
+  }
+  for (std::size_t i = 0; i < out.fits.size(); ++i) {
+    if (!out.fits[i]) out.grid.px[i].reset();
+  }
+}
+
 /// A corner lies between its neighbours; the one that lies worst goes, until all do.
 void drop_strays(Fitted& out) {
   const auto off = [&](int c, int r) {
@@ -245,6 +264,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
   }
   for (std::size_t i = 0; i < out.fits.size(); ++i)
     out.grid.px[i] = out.fits[i] ? std::optional(out.fits[i]->px) : std::nullopt;
+  drop_blurred(out);
   drop_misfits(out);
   drop_strays(out);
   // What the search missed: holes, and corners at the image's border.
@@ -265,6 +285,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       }
     }
     if (!is_new) break;
+    drop_blurred(out);
     drop_misfits(out);
     drop_strays(out);
   }

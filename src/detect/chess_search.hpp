@@ -34,6 +34,7 @@ struct ChessCorner {
 struct GridFit {
   double across = 1;           ///< how far it is clean beside an edge [squares]
   double least_across_px = 0;  ///< corners where that is less are left out
+  double least_blurs = 0;      ///< so too where it is less than this many times the usual blur
   int rounds = 3;              ///< of looking for corners that are missing
 };
 std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,

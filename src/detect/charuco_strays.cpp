@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "detect/charuco_strays.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "detect/chess_grid.hpp"
+
+namespace plumbline::detail {
+namespace {
+
+/// Only corners that their fits call rough are judged: elsewhere a wide lens bends the rim of a board by more
+/// than a line foretells. How far off: pixels, own sigmas, and times of what is usual.
+constexpr double kRoughPx = 0.1, kLeastPx = 0.6, kSigmas = 5, kUsuals = 8;
+
+/// How far a corner is from where one of its lines has it; nullopt where too few neighbours are known.
+std::optional<double> off_line(const ChessGrid& grid, int c, int r, int dc, int dr) {
+  const auto get = [&](int k) { return grid.get(c + k * dc, r + k * dr); };
+  const Vec2 here = *grid.at(c, r);
+  const auto a = get(-1), b = get(1), aa = get(-2), bb = get(2);
+  if (a && b && aa && bb) return ((4 * (*a + *b) - (*aa + *bb)) / 6 - here).norm();
+  for (const int way : {1, -1}) {
+    const auto p = get(way), q = get(2 * way), s = get(3 * way), before = get(-way);
+    if (p && q && before) return (*before / 3 + *p - *q / 3 - here).norm();
+    if (p && q && s) return (3 * *p - 3 * *q + *s - here).norm();
+  }
+  return std::nullopt;
+}
+
+/// [px]; 0 where nothing foretells the corner.
+double oddness(const ChessGrid& grid, int c, int r) {
+  const auto along = off_line(grid, c, r, 1, 0), down = off_line(grid, c, r, 0, 1);
+  if (along && down) return std::min(*along, *down);
+  return along ? *along : down.value_or(0);
+}
+
+double median(std::vector<double> v) {
+  if (v.empty()) return 0;
+  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
+  return v[v.size() / 2];
+}
+
+}  // namespace
+
+std::vector<ChessCorner> without_odd(std::vector<ChessCorner> corners, int columns, int rows) {
+  const auto is_rough = [](const ChessCorner& c) { return c.sigma_px > kRoughPx; };
+  if (std::none_of(corners.begin(), corners.end(), is_rough)) return corners;
+  ChessGrid grid(columns, rows);
+  for (const ChessCorner& c : corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
+  const auto off = [&](const ChessCorner& c) { return oddness(grid, c.point % columns, c.point / columns); };
+  std::vector<double> all;
+  for (const ChessCorner& c : corners) all.push_back(off(c));
+  const double usual = median(std::move(all));  // once: it would sink and take good corners with it
+  while (true) {
+    double worst = 1;
+    auto odd = corners.end();
+    for (auto it = corners.begin(); it != corners.end(); ++it) {
+      if (!is_rough(*it)) continue;
+      const double here = off(*it) / std::max({kLeastPx, kUsuals * usual, kSigmas * it->sigma_px});
+      if (here > worst) worst = here, odd = it;
+    }
+    if (odd == corners.end()) return corners;
+    grid.px[static_cast<std::size_t>(odd->point)].reset();
+    corners.erase(odd);
+  }
+}
+
+}  // namespace plumbline::detail
