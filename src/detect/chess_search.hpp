@@ -29,6 +29,8 @@ struct ChessCorner {
   int point = 0;
   Vec2 px;
   double sigma_px = 0;
+  double contrast = 0;  ///< as SaddleFit's
+  double misfit = 0;    ///< what the fit leaves, of the contrast
 };
 /// What a board has beside its edges.
 struct GridFit {
