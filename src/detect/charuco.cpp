@@ -17,7 +17,6 @@ namespace {
 
 constexpr std::size_t kMinCorners = 4;
 constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
-constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 0.8;                   ///< [px] between an edge and the markers beside it
 constexpr double kMinBlurs = 1.25;                  ///< the same in blurs
 constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
