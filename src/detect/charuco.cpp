@@ -9,14 +9,12 @@
 #include "detect/charuco_strays.hpp"
 #include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
-#include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
 namespace {
 
 constexpr std::size_t kMinCorners = 4;
-constexpr std::size_t kMinToCompare = 10;           ///< corners of which one can be told to be a stray
 constexpr double kMinReach = 0.8;                   ///< [px] between an edge and the markers beside it
 constexpr double kMinBlurs = 1.25;                  ///< the same in blurs
 constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
@@ -97,14 +95,10 @@ std::vector<Corner> corners_of(const cv::Mat& grey, const Charuco& board, const 
   }
   const double noise = noise_level(grey, bounding_box(px, grey));
   const GridFit how{(1 - board.marker_m / board.square_m) / 2, kMinReach, kMinBlurs, kRounds};
-  std::vector<Refined> refined;
+  std::vector<Corner> out;
   for (const ChessCorner& c :
        without_odd(refine_grid(grey, grid, scale, noise, how), grid.columns, grid.rows))
-    refined.push_back({c.point, Vec2(c.point % grid.columns, c.point / grid.columns), c.px, c.sigma_px});
-  double limit = 0;
-  if (refined.size() >= kMinToCompare) refined = without_strays(std::move(refined), limit);
-  std::vector<Corner> out;
-  for (const Refined& r : refined) out.push_back({r.point, r.px, r.sigma});
+    out.push_back({c.point, c.px, c.sigma_px});
   return out;
 }
 

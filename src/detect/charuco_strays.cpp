@@ -9,13 +9,16 @@
 namespace plumbline::detail {
 namespace {
 
-/// Only corners that their fits call rough are judged: elsewhere a wide lens bends the rim of a board by more
-/// than a line foretells. How far off: pixels, own sigmas, and times of what is usual.
+/// How far off a corner has to be: pixels, own sigmas, and times of what is usual.
 constexpr double kRoughPx = 0.1, kLeastPx = 0.6, kSigmas = 5, kUsuals = 8;
+/// A wide lens bends the rim of a board by more than a line foretells, and the lines beside it alike: so many
+/// times what they are off at the same place is not odd, but for corners that their fits call rough.
+constexpr double kBeside = 2.5;
 
 /// How far a corner is from where one of its lines has it; nullopt where too few neighbours are known.
 std::optional<double> off_line(const ChessGrid& grid, int c, int r, int dc, int dr) {
   const auto get = [&](int k) { return grid.get(c + k * dc, r + k * dr); };
+  if (!grid.get(c, r)) return std::nullopt;
   const Vec2 here = *grid.at(c, r);
   const auto a = get(-1), b = get(1), aa = get(-2), bb = get(2);
   if (a && b && aa && bb) return ((4 * (*a + *b) - (*aa + *bb)) / 6 - here).norm();
@@ -27,11 +30,20 @@ std::optional<double> off_line(const ChessGrid& grid, int c, int r, int dc, int 
   return std::nullopt;
 }
 
-/// [px]; 0 where nothing foretells the corner.
-double oddness(const ChessGrid& grid, int c, int r) {
-  const auto along = off_line(grid, c, r, 1, 0), down = off_line(grid, c, r, 0, 1);
-  if (along && down) return std::min(*along, *down);
-  return along ? *along : down.value_or(0);
+/// How much farther a corner is off than the lines beside it are; 0 where nothing foretells it.
+double oddness(const ChessGrid& grid, const ChessCorner& corner, double beside) {
+  const int c = corner.point % grid.columns, r = corner.point / grid.columns;
+  std::optional<double> least;
+  for (const auto& [dc, dr] : {std::pair{1, 0}, {0, 1}}) {
+    auto off = off_line(grid, c, r, dc, dr);
+    if (!off) continue;
+    double others = 0;
+    for (const int side : {1, -1})
+      others = std::max(others, off_line(grid, c + side * dr, r + side * dc, dc, dr).value_or(0));
+    *off -= beside * others;
+    least = std::min(*off, least.value_or(*off));
+  }
+  return least.value_or(0);
 }
 
 double median(std::vector<double> v) {
@@ -43,20 +55,17 @@ double median(std::vector<double> v) {
 }  // namespace
 
 std::vector<ChessCorner> without_odd(std::vector<ChessCorner> corners, int columns, int rows) {
-  const auto is_rough = [](const ChessCorner& c) { return c.sigma_px > kRoughPx; };
-  if (std::none_of(corners.begin(), corners.end(), is_rough)) return corners;
   ChessGrid grid(columns, rows);
   for (const ChessCorner& c : corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
-  const auto off = [&](const ChessCorner& c) { return oddness(grid, c.point % columns, c.point / columns); };
   std::vector<double> all;
-  for (const ChessCorner& c : corners) all.push_back(off(c));
+  for (const ChessCorner& c : corners) all.push_back(oddness(grid, c, 0));
   const double usual = median(std::move(all));  // once: it would sink and take good corners with it
   while (true) {
     double worst = 1;
     auto odd = corners.end();
     for (auto it = corners.begin(); it != corners.end(); ++it) {
-      if (!is_rough(*it)) continue;
-      const double here = off(*it) / std::max({kLeastPx, kUsuals * usual, kSigmas * it->sigma_px});
+      const double here = oddness(grid, *it, it->sigma_px > kRoughPx ? 0 : kBeside) /
+                          std::max({kLeastPx, kUsuals * usual, kSigmas * it->sigma_px});
       if (here > worst) worst = here, odd = it;
     }
     if (odd == corners.end()) return corners;

@@ -6,9 +6,9 @@
 
 namespace plumbline::detail {
 
-/// Without the rough corners that lie elsewhere than both of their lines say: each line foretells a corner by
-/// a cubic through its neighbours, or by a parabola at an end. Blurred markers close by mislead fits so that
-/// their sigma does not say it. The worst goes first.
+/// Without the corners that lie elsewhere than both of their lines say: each line foretells a corner by a
+/// cubic through its neighbours, or by a parabola at an end. The worst goes first. Blurred markers close by
+/// mislead fits so that their sigma does not say it.
 std::vector<ChessCorner> without_odd(std::vector<ChessCorner> corners, int columns, int rows);
 
 }  // namespace plumbline::detail
