@@ -18,7 +18,8 @@ namespace {
 constexpr int kCoarsest = 500;
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
-constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
+constexpr double kFirstPx = 0.05;  ///< last step of the first fits, which say how the edges bend
+constexpr double kStray = 0.16;    ///< of the way between two neighbours: off their middle
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
 /// be (glare, marks inside of squares).
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
@@ -142,7 +143,10 @@ SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J,
   window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
-  if (!with_bend) return window;
+  if (!with_bend) {
+    window.enough_px = kFirstPx;
+    return window;
+  }
   set_bends(curvature_at(grid, c, r), window);
   return window;
 }
@@ -340,12 +344,9 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       const auto& first = out.fits[static_cast<std::size_t>(r) * grid.columns + c];
       if (!first) continue;
       SaddleFit best = *first;
-      if (const auto J = steps_at(out.grid, c, r)) {
+      if (const auto J = steps_near(out.grid, c, r)) {
         const SaddleWindow window = window_at(out.grid, how, *J, c, r, 1, true, true);
-        if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
-          const auto bent = fit_saddle(grey, best.px, window, noise, &best);
-          if (bent) best = *bent;
-        }
+        if (const auto better = fit_saddle(grey, best.px, window, noise, &best)) best = *better;
       }
       corners.push_back({r * grid.columns + c, best.px, best.sigma_px, best.contrast,
                          best.misfit / std::abs(best.contrast)});

@@ -22,7 +22,7 @@ constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2, kFirstBlurOfSq
                  kMostFirstBlur = 4;
 constexpr double kMinContrast = 3;     ///< grey levels
 constexpr double kLeastError = 0.003;  ///< px; what the model itself is worth (a pixel is no Gaussian)
-constexpr double kNearPx = 0.05, kTherePx = 5e-3;  ///< last steps of the first rounds and of the others
+constexpr double kNearPx = 0.05;       ///< last step of the first rounds
 constexpr int kMinPixels = 14;
 /// The answer of longer arms has to be the same within so many standard
 /// errors and leave about as little.
@@ -230,7 +230,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
     if (!at.allFinite() || (at - start).norm() > limit) return std::nullopt;
     collect(grey, at, window, window.max_arm_px, p[4], region);
     if (region.pixels.n < kMinPixels || 2 * region.pixels.n < region.pixels.places) return std::nullopt;
-    if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return std::nullopt;
+    if (!settle(region, window.curvature, 12, window.enough_px, p, normal)) return std::nullopt;
     if ((Vec2(p[0], p[1]) - at).norm() < 0.3) break;
   }
   auto fit = judged(region, p, normal, noise);
@@ -239,7 +239,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   if (window.long_arm_px <= window.max_arm_px || fit->sigma_px < kRoughSigmaPx) return fit;
   // Much noise: as much of the edges as there is.
   collect(grey, fit->px, window, window.long_arm_px, p[4], region);
-  if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return fit;
+  if (!settle(region, window.curvature, 12, window.enough_px, p, normal)) return fit;
   const auto longer = judged(region, p, normal, noise);
   const bool is_same = longer && (longer->px - fit->px).norm() < kSameSigmas * fit->sigma_px &&
                        longer->misfit < kSameMisfit * fit->misfit && longer->sigma_px < fit->sigma_px &&

@@ -24,6 +24,7 @@ struct SaddleWindow {
   double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
   double long_arm_px = 0;   ///< where the noise leaves the corner rough; 0: never. Wants `curvature`
   double max_move_px = 3;   ///< from the start
+  double enough_px = 5e-3;  ///< the last step of the fit; more for one that another follows
   double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
