@@ -11,12 +11,12 @@ namespace plumbline::detail {
 
 Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target) {
   std::map<std::string, int> expected;  // markers of each dictionary over all parts: each is looked for once
-  bool has_tags = false;
+  std::map<std::string, std::vector<Marker>> tags;  // of each family
   for (const BoardPart& part : rig.parts) {
     if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
       expected[charuco->dictionary] += n_markers(*charuco);
-    } else if (std::holds_alternative<AprilGrid>(part.board)) {
-      has_tags = true;
+    } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
+      tags[grid->family];
     } else {
       return Error{ErrorCode::kUnsupported,
                    fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco "
@@ -27,7 +27,8 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   }
   std::map<std::string, std::vector<Marker>> markers;
   for (const auto& [dictionary, n] : expected) markers[dictionary] = find_aruco(grey, dictionary, n);
-  const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
+  for (auto& [family, found] : tags)
+    found = find_april_tags(grey, family, 2, [](const std::vector<Marker>&) { return false; });
 
   Detection out;
   bool has_open = false;
@@ -49,7 +50,7 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
       found = charuco_from_markers(grey, board, markers[board.dictionary]);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
-      found = aprilgrid_from_tags(grey, *grid, tags);
+      found = aprilgrid_from_tags(grey, *grid, tags[grid->family]);
       n_points = grid->columns * grid->rows * 4;
     }
     ++part_number;

@@ -24,6 +24,10 @@ struct TagBook {
 /// The AprilTag library's family "36h11" or "25h9"; nullptr: no such family. Made once.
 const TagBook* april_book(std::string_view family);
 
+/// Modules that may be read wrong: two fewer than could be put right, so that other things seldom are taken
+/// for tags.
+inline int most_errors(const TagBook& book) { return (book.distance - 1) / 2 - 2; }
+
 /// Mean grey levels of n x n modules, with the border. A module is not known where a part of it lies outside
 /// of the image.
 struct TagCells {
