@@ -37,6 +37,18 @@ class Buckets {
     }
   }
 
+  /// Calls visit(index) for the saddles of all cells that meet the box; some may lie beside it.
+  template <class Visit>
+  void around_box(const Vec2& low, const Vec2& high, const Visit& visit) const {
+    const int x0 = column(low.x(), nx_), x1 = column(high.x(), nx_);
+    const int y0 = column(low.y(), ny_), y1 = column(high.y(), ny_);
+    for (int y = y0; y <= y1; ++y) {
+      for (int x = x0; x <= x1; ++x) {
+        for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) visit(i);
+      }
+    }
+  }
+
   /// Mean distance of neighbours [px].
   double pitch() const { return pitch_; }
   double extent() const { return std::max(size_.x(), size_.y()); }

@@ -80,6 +80,11 @@ class Sides {
   }
 
  private:
+  struct Candidate {
+    double along;
+    int saddle;
+  };
+
   const Vec2& px(int saddle) const { return saddles_[static_cast<std::size_t>(saddle)].px; }
   int after(int field) const { return field < 0 ? -1 : fields_[static_cast<std::size_t>(field)].next; }
 
@@ -95,34 +100,35 @@ class Sides {
     return best;
   }
 
+  /// The field at the other end of the side that begins at a field; -1 where none is seen.
   int next(int field) const {
-    const Field& from = fields_[static_cast<std::size_t>(field)];
     const Vec2& p = px(field / 2);
-    struct Candidate {
-      double along;
-      int saddle;
-    };
+    const Vec2 out = fields_[static_cast<std::size_t>(field)].out, beside = kCone * Vec2(-out.y(), out.x());
     std::vector<Candidate> near;
-    for (double radius = std::min(most_px_, 2 * buckets_.pitch()), done = 0;; radius *= 2) {
-      radius = std::min(radius, most_px_);
+    std::size_t n_tried = 0;
+    for (double from = 2, to = 2 * buckets_.pitch(); from < most_px_; from = to, to *= 2) {
+      to = std::min(to, most_px_);
       near.clear();
-      buckets_.within(p, radius, [&](int i) {
-        const Vec2 d = px(i) - p;
-        const double along = d.dot(from.out);
-        if (along > 2 && std::abs(cross(from.out, d)) <= kCone * along && d.squaredNorm() > done * done)
-          near.push_back({along, i});
-      });
+      // The piece of the cone between the two distances.
+      const Vec2 near_left = p + from * (out - beside), near_right = p + from * (out + beside);
+      const Vec2 far_left = p + to * (out - beside), far_right = p + to * (out + beside);
+      buckets_.around_box(near_left.cwiseMin(near_right).cwiseMin(far_left).cwiseMin(far_right),
+                          near_left.cwiseMax(near_right).cwiseMax(far_left).cwiseMax(far_right), [&](int i) {
+                            const Vec2 d = px(i) - p;
+                            const double along = d.dot(out);
+                            if (along > from && along <= to && std::abs(cross(out, d)) <= kCone * along)
+                              near.push_back({along, i});
+                          });
       std::sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {
         return a.along != b.along ? a.along < b.along : a.saddle < b.saddle;
       });
-      if (near.size() > kMostTried) near.resize(kMostTried);
       for (const Candidate& c : near) {
+        if (++n_tried > kMostTried) return -1;
         const int g = ending(p, c.saddle);
         if (g >= 0 && is_side(grey_, p, px(c.saddle))) return g;
       }
-      if (radius >= most_px_ || near.size() >= kMostTried) return -1;
-      done = radius;
     }
+    return -1;
   }
 
   bool is_plausible(const DarkQuad& quad, bool is_whole) const {
