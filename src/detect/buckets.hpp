@@ -37,9 +37,10 @@ class Buckets {
     }
   }
 
-  /// Calls visit(index) for the saddles of all cells that meet the box; some may lie beside it.
+  /// The same for the saddles near the box between two points.
   template <class Visit>
-  void around_box(const Vec2& low, const Vec2& high, const Visit& visit) const {
+  void between(const Vec2& a, const Vec2& b, const Visit& visit) const {
+    const Vec2 low = a.cwiseMin(b), high = a.cwiseMax(b);
     const int x0 = column(low.x(), nx_), x1 = column(high.x(), nx_);
     const int y0 = column(low.y(), ny_), y1 = column(high.y(), ny_);
     for (int y = y0; y <= y1; ++y) {

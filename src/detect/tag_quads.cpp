@@ -112,13 +112,13 @@ class Sides {
       // The piece of the cone between the two distances.
       const Vec2 near_left = p + from * (out - beside), near_right = p + from * (out + beside);
       const Vec2 far_left = p + to * (out - beside), far_right = p + to * (out + beside);
-      buckets_.around_box(near_left.cwiseMin(near_right).cwiseMin(far_left).cwiseMin(far_right),
-                          near_left.cwiseMax(near_right).cwiseMax(far_left).cwiseMax(far_right), [&](int i) {
-                            const Vec2 d = px(i) - p;
-                            const double along = d.dot(out);
-                            if (along > from && along <= to && std::abs(cross(out, d)) <= kCone * along)
-                              near.push_back({along, i});
-                          });
+      buckets_.between(near_left.cwiseMin(near_right).cwiseMin(far_left).cwiseMin(far_right),
+                       near_left.cwiseMax(near_right).cwiseMax(far_left).cwiseMax(far_right), [&](int i) {
+                         const Vec2 d = px(i) - p;
+                         const double along = d.dot(out);
+                         if (along > from && along <= to && std::abs(cross(out, d)) <= kCone * along)
+                           near.push_back({along, i});
+                       });
       std::sort(near.begin(), near.end(), [](const Candidate& a, const Candidate& b) {
         return a.along != b.along ? a.along < b.along : a.saddle < b.saddle;
       });
