@@ -18,7 +18,9 @@ constexpr int kCoarsest = 500;
 constexpr double kMostSidePx = 170;  ///< of a tag; larger ones are met in the next smaller image
 constexpr double kLeastSidePx = 12;  ///< [px of the whole image] narrower tags are not read
 constexpr double kModulePx = 4;      ///< bits are read in the smallest image in which a module has as much
-constexpr int kMostSaddles = 6000;
+/// The strongest are looked at: a tag has some twenty saddles between its modules and four at its corners,
+/// and other things have some, too.
+constexpr int kSaddlesOfTag = 40, kOtherSaddles = 1000;
 
 /// An image and its halves.
 struct Level {
@@ -64,7 +66,7 @@ std::optional<Marker> read_tag(const std::vector<Level>& levels, const std::arra
 
 }  // namespace
 
-std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border,
+std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border, int n_tags,
                                     const std::function<bool(const std::vector<Marker>&)>& is_enough) {
   std::vector<Marker> markers;
   const TagBook* book = april_book(family);
@@ -73,7 +75,7 @@ std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family
   for (std::size_t i = levels.size(); i-- > 0;) {
     const Level& level = levels[i];
     const double noise = noise_level(level.grey, {0, 0, level.grey.cols, level.grey.rows});
-    const auto saddles = find_saddles(level.grey, noise, kMostSaddles);
+    const auto saddles = find_saddles(level.grey, noise, kOtherSaddles + kSaddlesOfTag * n_tags);
     const bool is_coarsest = i + 1 == levels.size();
     for (const DarkQuad& quad : find_dark_quads(level.grey, saddles, is_coarsest ? kCoarsest : kMostSidePx)) {
       std::array<Vec2, 4> px;

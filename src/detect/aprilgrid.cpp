@@ -24,9 +24,12 @@ constexpr double kMostOthers = 0.3;     ///< tags with other bits than their pla
 constexpr double kReach = 1.05;         ///< [tags] of what is known, to what is next to it
 constexpr int kMostTries = 2;           ///< at a corner, as more of those around it become known
 constexpr std::size_t kFewCorners = 8;  ///< too few to say which of them is wrong
-constexpr int kMinModules = 8;          ///< in the image, for a tag to have a say
-constexpr double kAgree = 0.12, kOther = 0.3;  ///< share of a tag's modules that differ
-constexpr double kMinClean = 1.6;              ///< [px] beside an edge, see add_candidate
+/// A corner that is so much less sure than most is seen through glare or lies on a shadow's edge, and may be
+/// wrong by more than its sigma.
+constexpr double kUnclear = 8, kUnclearPx = 0.05;
+constexpr int kMinModules = 12;    ///< in the image, for a tag to have a say
+constexpr double kAgree = 0.1;     ///< share of a tag's modules that may differ
+constexpr double kMinClean = 1.6;  ///< [px] beside an edge, see add_candidate
 
 /// Corner k of a tag in units of the tag's size, Kalibr's axes (y up), counted from point 0.
 Vec2 corner_of(const AprilGrid& board, int tag, std::size_t k) {
@@ -121,7 +124,9 @@ int judge(const cv::Mat& grey, const TagBook& book, const AprilGrid& board, cons
     const int known = std::popcount(bits->is_inside), errors = count_errors(*bits, book, id, 0);
     if (known < kMinModules) continue;
     if (errors <= kAgree * known) return 1;
-    if (errors > kOther * known) opinion = -1;
+    if (known < book.n * book.n) continue;
+    const TagReading other = match_code(*bits, book);
+    if (other.errors <= most_errors(book)) opinion = -1;
   }
   return opinion;
 }
@@ -136,6 +141,16 @@ std::vector<Refined> refine(const cv::Mat& grey, const std::vector<Candidate>& c
       out.push_back({candidates[i].point, candidates[i].board, refined[i]->px, refined[i]->sigma_px});
   }
   return out;
+}
+
+std::vector<Refined> without_doubtful(std::vector<Refined> corners, double& limit) {
+  if (corners.size() <= kFewCorners) return corners;
+  std::vector<double> sigma;
+  for (const Refined& r : corners) sigma.push_back(r.sigma);
+  std::nth_element(sigma.begin(), sigma.begin() + static_cast<long>(sigma.size() / 2), sigma.end());
+  const double most = std::max(kUnclear * sigma[sigma.size() / 2], kUnclearPx);
+  std::erase_if(corners, [&](const Refined& r) { return r.sigma > most; });
+  return without_strays(std::move(corners), limit);
 }
 
 /// Corners that were not read, or had a bad start, from where those around them say: from the tags that were
@@ -162,7 +177,7 @@ void grow(const cv::Mat& grey, const AprilGrid& board, double noise, double& lim
     if (next.empty()) break;
     const std::size_t before = found.corners.size();
     found.add(refine(grey, next, noise), next);
-    if (found.corners.size() > kFewCorners) found.corners = without_strays(std::move(found.corners), limit);
+    found.corners = without_doubtful(std::move(found.corners), limit);
     if (found.corners.size() <= before) break;
   }
 }
@@ -237,7 +252,7 @@ Detection aprilgrid_from_tags(const cv::Mat& grey, const AprilGrid& as_said,
   double limit = 0;
   Found found;
   found.add(refine(grey, candidates, noise), candidates);
-  if (found.corners.size() > kFewCorners) found.corners = without_strays(std::move(found.corners), limit);
+  found.corners = without_doubtful(std::move(found.corners), limit);
   if (n > 0) grow(grey, board, noise, limit, found);
   const Verdict verdict = read_through(grey, board, found.corners);
   n = std::max(n, verdict.agree);
@@ -270,7 +285,8 @@ Detection detect_aprilgrid(const cv::Mat& grey, const AprilGrid& board) {
     return 2 * consistent_quads(place(board, tags)).index.size() >=
            static_cast<std::size_t>(board.columns * board.rows);
   };
-  return aprilgrid_from_tags(grey, board, find_april_tags(grey, board.family, board.border, is_enough));
+  return aprilgrid_from_tags(
+      grey, board, find_april_tags(grey, board.family, board.border, board.columns * board.rows, is_enough));
 }
 
 }  // namespace plumbline::detail

@@ -11,12 +11,12 @@ namespace plumbline::detail {
 
 Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target) {
   std::map<std::string, int> expected;  // markers of each dictionary over all parts: each is looked for once
-  std::map<std::string, std::vector<Marker>> tags;  // of each family
+  std::map<std::string, int> n_tags;    // of each family
   for (const BoardPart& part : rig.parts) {
     if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
       expected[charuco->dictionary] += n_markers(*charuco);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
-      tags[grid->family];
+      n_tags[grid->family] += grid->columns * grid->rows;
     } else {
       return Error{ErrorCode::kUnsupported,
                    fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco "
@@ -27,8 +27,9 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   }
   std::map<std::string, std::vector<Marker>> markers;
   for (const auto& [dictionary, n] : expected) markers[dictionary] = find_aruco(grey, dictionary, n);
-  for (auto& [family, found] : tags)
-    found = find_april_tags(grey, family, 2, [](const std::vector<Marker>&) { return false; });
+  std::map<std::string, std::vector<Marker>> tags;
+  for (const auto& [family, n] : n_tags)
+    tags[family] = find_april_tags(grey, family, 2, n, [](const std::vector<Marker>&) { return false; });
 
   Detection out;
   bool has_open = false;

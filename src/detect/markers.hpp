@@ -28,9 +28,9 @@ std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary,
 /// AprilTags ("36h11", "25h9") whose corners touch small black squares, in Kalibr's order: bottom left,
 /// bottom right, top right, top left. They are read in the dark fields between saddles, in the image's halves
 /// first; after each size is_enough says whether to stop. One id may come several times. Borders of one and
-/// of two modules are read; `border` is tried first. Corners are good to about a pixel of the size in which
-/// they were found.
-std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border,
+/// of two modules are read; `border` is tried first. `n_tags`: on the boards looked for. Corners are good to
+/// about a pixel of the size in which they were found.
+std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border, int n_tags,
                                     const std::function<bool(const std::vector<Marker>&)>& is_enough);
 
 }  // namespace plumbline::detail
