@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <map>
@@ -21,6 +22,8 @@ namespace {
 constexpr int kMinTags = 2;             ///< read, and where the other says
 constexpr double kMinAgreeing = 0.6;    ///< of the board's tags seen: that lie as on the board
 constexpr double kMostOthers = 0.3;     ///< tags with other bits than their place has, to those that agree
+constexpr double kSearch = 0.2;         ///< [tags] see look_around
+constexpr double kAsGood = 0.8;         ///< of the best contrast
 constexpr double kReach = 1.05;         ///< [tags] of what is known, to what is next to it
 constexpr int kMostTries = 2;           ///< at a corner, as more of those around it become known
 constexpr std::size_t kFewCorners = 8;  ///< too few to say which of them is wrong
@@ -68,16 +71,42 @@ struct Candidate {
   CornerStart start;
 };
 
+/// Where the four fields alternate best around a foretold corner, up to kSearch [tags] from it: a wide lens
+/// puts corners pixels away from where those beside them say. u, v reach into the fields.
+Vec2 look_around(const cv::Mat& grey, const Vec2& start, const Mat2& J, const Vec2& u, const Vec2& v) {
+  constexpr int kSteps = 3;
+  constexpr int kPlaces = 2 * kSteps + 1;
+  std::array<double, kPlaces * kPlaces> contrast{};
+  const auto place = [&](int i) {
+    return Vec2(start + J * Vec2(i % kPlaces - kSteps, i / kPlaces - kSteps) * (kSearch / kSteps));
+  };
+  double best = 0;
+  for (int i = 0; i < kPlaces * kPlaces; ++i) {
+    contrast[static_cast<std::size_t>(i)] = saddle_contrast(grey, place(i), u, v);
+    best = std::min(best, contrast[static_cast<std::size_t>(i)]);
+  }
+  // It is flat about the corner: the middle of what is about as good.
+  Vec2 sum = Vec2::Zero();
+  int n = 0;
+  for (int i = 0; i < kPlaces * kPlaces; ++i) {
+    if (contrast[static_cast<std::size_t>(i)] > kAsGood * best) continue;
+    sum += place(i);
+    ++n;
+  }
+  return n > 0 && best < 0 ? Vec2(sum / n) : start;
+}
+
 /// A start for corner k of a tag at `start`, unless the picture there is no corner of a tag. J: d px / d
 /// board.
 void add_candidate(const cv::Mat& grey, const AprilGrid& board, int tag, std::size_t k, const Mat2& J,
-                   const Vec2& start, std::vector<Candidate>& out) {
+                   Vec2 start, bool is_foretold, std::vector<Candidate>& out) {
   const double height = narrow_height(J), gap = board.spacing * height;
   // Inside the tag's border and inside the small square (`spacing` wide) it is black, beside them white.
   const double clean = std::min(border_width(board), board.spacing);
   // Narrower than that and the edge is not told from the border's other edge.
   if (clean * height < kMinClean) return;
   const Vec2 u = J.col(0) * (0.5 * clean), v = J.col(1) * (k % 2 == 0 ? 0.5 * clean : -0.5 * clean);
+  if (is_foretold) start = look_around(grey, start, J, u, v);
   if (saddle_contrast(grey, start, u, v) > -8) return;
   SaddleWindow window{J};
   window.across = clean;
@@ -95,7 +124,8 @@ void add_candidates(const cv::Mat& grey, const AprilGrid& board, const PlacedQua
   const auto H = plane_of(tag);
   if (!H) return;
   for (std::size_t k = 0; k < 4; ++k)
-    add_candidate(grey, board, tag.id - board.first_id, k, map_jacobian(*H, tag.board[k]), tag.px[k], out);
+    add_candidate(grey, board, tag.id - board.first_id, k, map_jacobian(*H, tag.board[k]), tag.px[k], false,
+                  out);
 }
 
 bool is_inside(const Vec2& p, const cv::Mat& grey) {
@@ -172,7 +202,7 @@ void grow(const cv::Mat& grey, const AprilGrid& board, double noise, double& lim
       const auto there = predict(found.corners, at, point);
       if (!there || !is_inside(there->px, grey)) continue;
       ++tries[i];
-      add_candidate(grey, board, tag, i % 4, there->J, there->px, next);
+      add_candidate(grey, board, tag, i % 4, there->J, there->px, true, next);
     }
     if (next.empty()) break;
     const std::size_t before = found.corners.size();
