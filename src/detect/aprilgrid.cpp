@@ -28,8 +28,8 @@ constexpr double kReach = 1.05;         ///< [tags] of what is known, to what is
 constexpr int kMostTries = 2;           ///< at a corner, as more of those around it become known
 constexpr std::size_t kFewCorners = 8;  ///< too few to say which of them is wrong
 /// A corner that is so much less sure than most is seen through glare or lies on a shadow's edge, and may be
-/// wrong by more than its sigma.
-constexpr double kUnclear = 8, kUnclearPx = 0.05;
+/// wrong by more than its sigma; it stays where those around it say the same.
+constexpr double kUnclear = 6, kUnclearPx = 0.04, kSamePx = 0.6;
 constexpr int kMinModules = 12;    ///< in the image, for a tag to have a say
 constexpr double kAgree = 0.1;     ///< share of a tag's modules that may differ
 constexpr double kMinClean = 1.6;  ///< [px] beside an edge, see add_candidate
@@ -179,8 +179,15 @@ std::vector<Refined> without_doubtful(std::vector<Refined> corners, double& limi
   for (const Refined& r : corners) sigma.push_back(r.sigma);
   std::nth_element(sigma.begin(), sigma.begin() + static_cast<long>(sigma.size() / 2), sigma.end());
   const double most = std::max(kUnclear * sigma[sigma.size() / 2], kUnclearPx);
-  std::erase_if(corners, [&](const Refined& r) { return r.sigma > most; });
-  return without_strays(std::move(corners), limit);
+  std::vector<Refined> clear, unclear;
+  for (const Refined& r : corners) (r.sigma > most ? unclear : clear).push_back(r);
+  clear = without_strays(std::move(clear), limit);
+  const std::vector<Refined> around = clear;
+  for (const Refined& r : unclear) {
+    const auto there = predict(around, r.board, r.point);
+    if (there && (there->px - r.px).norm() < kSamePx) clear.push_back(r);
+  }
+  return clear;
 }
 
 /// Corners that were not read, or had a bad start, from where those around them say: from the tags that were
