@@ -22,6 +22,7 @@ constexpr std::array<double, 3> kPlaces{0.27, 0.5, 0.73};
 /// A blur carries a share of each neighbour's light into a module; so much of the difference is given back.
 constexpr float kSharpen = 0.2F;
 constexpr double kMinContrast = 8;     ///< [grey levels] between the levels
+constexpr double kMostSlope = 0.6;     ///< of the contrast: from side to side of a border that is dark all around
 constexpr double kBrightBorder = 0.1;  ///< share of the border's modules that may look white
 
 using Create = apriltag_family_t* (*)();
@@ -190,6 +191,8 @@ std::optional<TagBits> threshold_cells(const TagCells& cells, int border) {
   TagBits out;
   const auto limit = two_levels(known, out.contrast);
   if (!limit || out.contrast < kMinContrast) return std::nullopt;
+  const double slope = std::max(std::abs(dark->per_column), std::abs(dark->per_row)) * (cells.n - 1);
+  if (slope > kMostSlope * out.contrast) return std::nullopt;
   out.n = cells.n - 2 * border;
   int n_border = 0, n_bright = 0;
   for (int r = 0; r < cells.n; ++r) {

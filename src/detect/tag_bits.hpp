@@ -47,7 +47,7 @@ struct TagBits {
   int n = 0;                    ///< without the border
   std::uint64_t white = 0;      ///< as in TagBook
   std::uint64_t is_inside = 0;  ///< modules that are known
-  double contrast = 0;          ///< between the levels [grey levels]
+  double contrast = 0;          ///< between the levels [grey levels], which are sharpened
 };
 std::optional<TagBits> threshold_cells(const TagCells& cells, int border);
 
