@@ -10,9 +10,11 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kCone = 0.25;         ///< off an edge's direction that the next saddle may lie [rad, about]
-constexpr double kSameTurn = 0.85;     ///< cosine between a side and the edge that it ends in
-constexpr std::size_t kMostTried = 8;  ///< saddles along an edge
+/// Off an edge's direction that the next saddle may lie, and cosine between a side and the edge that it ends
+/// in: a saddle's second differences say its edges to some 20 degrees where these do not cross at right
+/// angles.
+constexpr double kCone = 0.5, kSameTurn = 0.75;
+constexpr std::size_t kMostTried = 12;  ///< saddles along an edge
 /// How far from a side [its length] is looked for dark and bright: half of the border of one module of the
 /// narrowest kind.
 constexpr double kBeside = 0.055, kLeastBesidePx = 1.2;

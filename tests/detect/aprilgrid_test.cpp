@@ -158,6 +158,18 @@ TEST(AprilGridFinder, SmallBlurredAndNoisy) {
   }
 }
 
+// Along its diagonal: the edges of each corner cross at 60 degrees.
+TEST(AprilGridFinder, SeenAskew) {
+  const AprilGrid board{6, 6, 0.088, 0.3};
+  const Target target = *make_target(board);
+  for (const double roll : {0.0, 35.0}) {
+    const PlaneCamera camera = look_at(target, 42, 45, roll, 1.5);
+    const Detection d = found(render(camera, aprilgrid_shade(board)), board);
+    EXPECT_EQ(n_missing(visible(camera, target, 3), d), 0) << d.reason;
+    EXPECT_LT(accuracy(d, target, camera).worst, 0.2);
+  }
+}
+
 TEST(AprilGridFinder, AMirroredBoardIsNone) {
   const AprilGrid board{6, 6, 0.088, 0.3};
   cv::Mat image = render(look_at(*make_target(board), 10, 20, 5), aprilgrid_shade(board));
