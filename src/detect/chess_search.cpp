@@ -17,7 +17,9 @@ namespace {
 constexpr int kCoarsest = 500;
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
-constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
+constexpr double kFineScale = 0.5;  ///< corners found there are good starts
+constexpr double kFirstPx = 0.05;   ///< last step of the first fits, which say how the edges bend
+constexpr double kStray = 0.16;     ///< of the way between two neighbours: off their middle
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
 /// be (glare, marks inside of squares).
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
@@ -146,6 +148,7 @@ bool has_room_for_another(const std::vector<Saddle>& saddles, const std::vector<
 struct Fitted {
   ChessGrid grid;
   std::vector<std::optional<SaddleFit>> fits;
+  double blur_px = 0;  ///< of the last corner that was fitted
 };
 
 SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool is_seen,
@@ -154,7 +157,10 @@ SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, doubl
   window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
-  if (!with_bend) return window;
+  if (!with_bend) {
+    window.enough_px = kFirstPx;
+    return window;
+  }
   set_bends(curvature_at(grid, c, r), window);
   return window;
 }
@@ -163,8 +169,18 @@ void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, boo
          Fitted& out) {
   const auto J = steps_at(out.grid, c, r);
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
-  to =
-      J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, is_seen, false), noise) : std::nullopt;
+  if (!J) {
+    to.reset();
+    return;
+  }
+  SaddleWindow window = window_at(out.grid, *J, c, r, scale, is_seen, false);
+  if (scale >= kFineScale && is_seen) window.usual_blur_px = out.blur_px;
+  to = fit_saddle(grey, start, window, noise);
+  if (!to && window.usual_blur_px > 0) {
+    window.usual_blur_px = 0;  // it looks otherwise than those beside it
+    to = fit_saddle(grey, start, window, noise);
+  }
+  if (to) out.blur_px = to->blur_px;
 }
 
 /// Sides alternate from corner to corner, and no corner is much fainter than the others.
@@ -302,10 +318,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       SaddleFit best = *first;
       if (const auto J = steps_at(out.grid, c, r)) {
         const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
-        if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
-          const auto bent = fit_saddle(grey, best.px, window, noise, &best);
-          if (bent) best = *bent;
-        }
+        if (const auto better = fit_saddle(grey, best.px, window, noise, &best)) best = *better;
       }
       corners.push_back({r * grid.columns + c, best.px, best.sigma_px, best.contrast,
                          best.misfit / std::abs(best.contrast)});

@@ -45,7 +45,7 @@ class Places {
   void set(int i, int j, int saddle) { saddle_[index(i, j)] = saddle; }
 
  private:
-  static constexpr int kMost = 200, kSide = 2 * kMost + 1;
+  static constexpr int kMost = 120, kSide = 2 * kMost + 1;
   static std::size_t index(int i, int j) {
     return static_cast<std::size_t>(j + kMost) * kSide + static_cast<std::size_t>(i + kMost);
   }
