@@ -22,7 +22,7 @@ struct NewOptions {
   std::string corners, squares, tags, circles;  // COLUMNSxROWS
   double square_m = 0, marker_m = 0, tag_m = 0, tag_spacing = 0.3, spacing_m = 0, diameter_m = 0;
   std::string dictionary = "4X4_50", family = "36h11", layout = "auto";
-  int first_id = 0;
+  int first_id = 0, border = 2;
   bool outside = false;
 };
 
@@ -53,7 +53,8 @@ Charuco charuco(const NewOptions& o) {
 
 AprilGrid aprilgrid(const NewOptions& o) {
   const auto [columns, rows] = counts(o.tags, "--tags", o.type);
-  return {columns, rows, length(o.tag_m, "--tag-size", o.type), o.tag_spacing, o.family, o.first_id};
+  return {columns,    rows,    length(o.tag_m, "--tag-size", o.type), o.tag_spacing, o.family,
+          o.first_id, o.border};
 }
 
 Result<TargetSpec> spec_of(const NewOptions& o) {
@@ -133,6 +134,7 @@ void check_options_fit(const CLI::App& app, const std::string& type) {
                                                     {"--tag-size", "aprilgrid corner"},
                                                     {"--tag-spacing", "aprilgrid corner"},
                                                     {"--family", "aprilgrid corner"},
+                                                    {"--border", "aprilgrid corner"},
                                                     {"--first-id", "charuco aprilgrid corner"},
                                                     {"--circles", "circles acircles"},
                                                     {"--spacing", "circles acircles"},
@@ -163,7 +165,9 @@ void add_new(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--tag-size", o->tag_m, "aprilgrid: side of a tag, metres");
   app.add_option("--tag-spacing", o->tag_spacing,
                  "aprilgrid: gap as a ratio of the tag's side (default: 0.3)");
-  app.add_option("--family", o->family, "aprilgrid: tag family (default: 36h11)");
+  app.add_option("--family", o->family, "aprilgrid: tag family, 36h11 or 25h9 (default: 36h11)");
+  app.add_option("--border", o->border,
+                 "aprilgrid: black modules around a tag's bits, 1 or 2 as Kalibr prints (default: 2)");
   app.add_option("--first-id", o->first_id, "charuco, aprilgrid: id of the first marker (default: 0)");
   app.add_option("--circles", o->circles, "circles, acircles: COLUMNSxROWS");
   app.add_option("--spacing", o->spacing_m,

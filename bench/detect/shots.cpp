@@ -120,7 +120,8 @@ std::vector<Subject> subjects() {
   return {{"chessboard 10x7", Chessboard{10, 7, 0.03}, 45, 80, 10, 12},
           {"chessboard 10x10", Chessboard{10, 10, 0.03}, 45, 80, 10, 12},
           {"ChArUco 11x8", Charuco{11, 8, 0.03, 0.022, "5X5_100"}, 50, 85, 26, 32},
-          {"AprilGrid 6x6", AprilGrid{6, 6, 0.088, 0.3}, 60, 100, 28, 34}};
+          {"AprilGrid 6x6", AprilGrid{6, 6, 0.088, 0.3}, 60, 100, 28, 34},
+          {"AprilGrid 5x5 25h9, border of one", AprilGrid{5, 5, 0.088, 0.3, "25h9", 0, 1}, 70, 110, 28, 34}};
 }
 
 std::vector<Kind> kinds() {

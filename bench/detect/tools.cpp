@@ -2,6 +2,7 @@
 #include "detect/tools.hpp"
 
 #include <apriltag/apriltag.h>
+#include <apriltag/tag25h9.h>
 #include <apriltag/tag36h11.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -110,9 +111,10 @@ Answer by_charuco(const cv::Mat& grey, const Charuco& board) {
 }
 
 Answer by_aruco_grid(const cv::Mat& grey, const AprilGrid& board) {
-  const auto dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
+  const auto dictionary = cv::aruco::getPredefinedDictionary(
+      board.family == "25h9" ? cv::aruco::DICT_APRILTAG_25h9 : cv::aruco::DICT_APRILTAG_36h11);
   const auto parameters = cv::aruco::DetectorParameters::create();
-  parameters->markerBorderBits = 2;
+  parameters->markerBorderBits = board.border;
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_SUBPIX;
   std::vector<std::vector<cv::Point2f>> markers;
   std::vector<int> ids;
@@ -129,8 +131,9 @@ Answer by_aruco_grid(const cv::Mat& grey, const AprilGrid& board) {
 }
 
 Answer by_apriltag(const cv::Mat& grey, const AprilGrid& board) {
-  const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family(tag36h11_create(),
-                                                                                tag36h11_destroy);
+  const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family(
+      board.family == "25h9" ? tag25h9_create() : tag36h11_create(),
+      board.family == "25h9" ? tag25h9_destroy : tag36h11_destroy);
   const std::unique_ptr<apriltag_detector_t, void (*)(apriltag_detector_t*)> detector(
       apriltag_detector_create(), apriltag_detector_destroy);
   apriltag_detector_add_family(detector.get(), family.get());

@@ -1,92 +1,88 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <apriltag/apriltag.h>
-#include <apriltag/tag36h11.h>
-
 #include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
 #include "detect/markers.hpp"
+#include "detect/planar.hpp"
+#include "detect/saddles.hpp"
+#include "detect/subpixel.hpp"
+#include "detect/tag_bits.hpp"
+#include "detect/tag_quads.hpp"
 
 namespace plumbline::detail {
 namespace {
 
-/// Kalibr prints 36h11 with a black border of two modules where the family has one: the code moves one module
-/// in.
-apriltag_family_t* wide_border_family() {
-  apriltag_family_t* family = tag36h11_create();
-  family->width_at_border = 10;
-  family->total_width = 12;
-  for (uint32_t i = 0; i < family->nbits; ++i) {
-    ++family->bit_x[i];
-    ++family->bit_y[i];
+/// Images are halved until no side is longer than this: blur and noise shrink with them.
+constexpr int kCoarsest = 500;
+constexpr double kMostSidePx = 170;  ///< of a tag; larger ones are met in the next smaller image
+constexpr double kLeastSidePx = 12;  ///< [px of the whole image] narrower tags are not read
+constexpr double kModulePx = 4;      ///< bits are read in the smallest image in which a module has as much
+/// The strongest are looked at: a tag has some twenty saddles between its modules and four at its corners,
+/// and other things have some, too.
+constexpr int kSaddlesOfTag = 40, kOtherSaddles = 1000;
+
+/// An image and its halves.
+struct Level {
+  cv::Mat grey;
+  Vec2 ratio;  ///< of the whole image to it
+  Vec2 up(const Vec2& p) const { return (p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5); }
+  Vec2 down(const Vec2& p) const { return (p + Vec2(0.5, 0.5)).cwiseQuotient(ratio) - Vec2(0.5, 0.5); }
+};
+
+std::vector<Level> levels_of(const cv::Mat& grey) {
+  std::vector<Level> out{{grey, Vec2(1, 1)}};
+  while (std::max(out.back().grey.cols, out.back().grey.rows) > kCoarsest) {
+    cv::Mat half;
+    cv::resize(out.back().grey, half, cv::Size(), 0.5, 0.5, cv::INTER_AREA);
+    out.push_back(
+        {half, Vec2(static_cast<double>(grey.cols) / half.cols, static_cast<double>(grey.rows) / half.rows)});
   }
-  return family;
+  return out;
 }
 
-/// A detector and its family. The library's detector is not re-entrant, so each call makes its own.
-class TagDetector {
- public:
-  TagDetector() : family_(wide_border_family()), detector_(apriltag_detector_create()) {
-    detector_->nthreads = 1;
-    detector_->debug = false;
-    detector_->refine_edges = true;
-    apriltag_detector_add_family_bits(detector_, family_, 2);
+/// The tag in a dark field of the whole image (corners clockwise), or nullopt.
+std::optional<Marker> read_tag(const std::vector<Level>& levels, const std::array<Vec2, 4>& px,
+                               const TagBook& book, int first_border) {
+  const double side = side_px(px);
+  if (side < kLeastSidePx) return std::nullopt;
+  std::size_t at = levels.size() - 1;
+  while (at > 0 && side / levels[at].ratio.x() < kModulePx * (book.n + 4)) --at;
+  std::array<Vec2, 4> local = px;
+  for (Vec2& p : local) p = levels[at].down(p);
+  const auto H = square_to_quad(local);
+  if (!H) return std::nullopt;
+  for (const int border : {first_border, 3 - first_border}) {
+    const auto bits = threshold_cells(read_cells(levels[at].grey, *H, book.n + 2 * border), border);
+    if (!bits) continue;
+    const TagReading reading = match_code(*bits, book);
+    if (reading.errors > most_errors(book)) continue;
+    // The upright tag's top left is corner `turn`.
+    const auto k = static_cast<std::size_t>(reading.turn);
+    return Marker{reading.id, {px[(k + 3) % 4], px[(k + 2) % 4], px[(k + 1) % 4], px[k]}, border};
   }
-  ~TagDetector() {
-    apriltag_detector_destroy(detector_);
-    tag36h11_destroy(family_);
-  }
-  TagDetector(const TagDetector&) = delete;
-  TagDetector& operator=(const TagDetector&) = delete;
-
-  void find(const cv::Mat& grey, float decimate, std::vector<Marker>& markers) {
-    detector_->quad_decimate = decimate;
-    image_u8_t image{grey.cols, grey.rows, static_cast<int32_t>(grey.step), grey.data};
-    zarray_t* found = apriltag_detector_detect(detector_, &image);
-    for (int i = 0; i < zarray_size(found); ++i) {
-      apriltag_detection_t* tag = nullptr;
-      zarray_get(found, i, static_cast<void*>(&tag));
-      Marker marker{tag->id, {}};
-      // The library's pixel (0, 0) is the top-left pixel's corner. Its first corner is the tag's bottom left.
-      for (std::size_t k = 0; k < 4; ++k) marker.px[k] = Vec2(tag->p[k][0] - 0.5, tag->p[k][1] - 0.5);
-      markers.push_back(marker);
-    }
-    apriltag_detections_destroy(found);
-  }
-
- private:
-  apriltag_family_t* family_;
-  apriltag_detector_t* detector_;
-};
+  return std::nullopt;
+}
 
 }  // namespace
 
-std::vector<Marker> find_april_tags(const cv::Mat& grey) {
-  // On wide lenses the small black squares grow together with the tags they touch; each of these views parts
-  // another share of them (measured in docs/detect.md).
-  const cv::Mat contiguous = grey.isContinuous() ? grey : grey.clone();
-  cv::Mat dilated, brighter;
-  cv::dilate(contiguous, dilated, cv::getStructuringElement(cv::MORPH_RECT, {3, 3}));
-  contiguous.convertTo(brighter, CV_8U, 2.0);
+std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border, int n_tags,
+                                    const std::function<bool(const std::vector<Marker>&)>& is_enough) {
   std::vector<Marker> markers;
-  TagDetector detector;
-  // Large photographs show large tags: they are looked for at a reduced size (corners are refined at full
-  // size later).
-  const float base = std::max(1.0F, std::round(static_cast<float>(std::max(grey.cols, grey.rows)) / 1600));
-  detector.find(contiguous, base, markers);
-  detector.find(contiguous, 2 * base, markers);
-  detector.find(dilated, base, markers);
-  detector.find(brighter, base, markers);
-  cv::Mat reduced = contiguous;
-  if (base > 1) cv::resize(contiguous, reduced, cv::Size(), 1 / base, 1 / base, cv::INTER_AREA);
-  const Vec2 scale(static_cast<double>(grey.cols) / reduced.cols,
-                   static_cast<double>(grey.rows) / reduced.rows);
-  for (const Marker& found : find_aruco(reduced, "APRILTAG_36h11", 0, 2)) {
-    // OpenCV numbers clockwise and has this family turned by half a turn against Kalibr: BR, BL, TL, TR.
-    Marker tag{found.id, {found.px[1], found.px[0], found.px[3], found.px[2]}};
-    for (Vec2& p : tag.px) p = (p + Vec2(0.5, 0.5)).cwiseProduct(scale) - Vec2(0.5, 0.5);
-    markers.push_back(tag);
+  const TagBook* book = april_book(family);
+  if (book == nullptr) return markers;
+  const std::vector<Level> levels = levels_of(grey);
+  for (std::size_t i = levels.size(); i-- > 0;) {
+    const Level& level = levels[i];
+    const double noise = noise_level(level.grey, {0, 0, level.grey.cols, level.grey.rows});
+    const auto saddles = find_saddles(level.grey, noise, kOtherSaddles + kSaddlesOfTag * n_tags);
+    const bool is_coarsest = i + 1 == levels.size();
+    for (const DarkQuad& quad : find_dark_quads(level.grey, saddles, is_coarsest ? kCoarsest : kMostSidePx)) {
+      std::array<Vec2, 4> px;
+      for (std::size_t k = 0; k < 4; ++k) px[k] = level.up(saddles[static_cast<std::size_t>(quad[k])].px);
+      if (const auto tag = read_tag(levels, px, *book, border)) markers.push_back(*tag);
+    }
+    if (is_enough(markers)) break;
   }
   return markers;
 }

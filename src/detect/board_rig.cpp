@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <map>
+
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "plumbline/core/text.hpp"
@@ -8,10 +10,10 @@
 namespace plumbline::detail {
 
 Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target) {
-  bool has_tags = false;
+  std::map<std::string, int> n_tags;  // of each family over all parts, so that each is looked for once
   for (const BoardPart& part : rig.parts) {
-    if (std::holds_alternative<AprilGrid>(part.board)) {
-      has_tags = true;
+    if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
+      n_tags[grid->family] += grid->columns * grid->rows;
     } else if (!std::holds_alternative<Charuco>(part.board)) {
       return Error{ErrorCode::kUnsupported,
                    fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco "
@@ -22,7 +24,9 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
   }
   LatticePyramid lattices(grey);  // shared by all parts
   std::vector<CharucoFind> finds(rig.parts.size());
-  const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
+  std::map<std::string, std::vector<Marker>> tags;
+  for (const auto& [family, n] : n_tags)
+    tags[family] = find_april_tags(grey, family, 2, n, [](const std::vector<Marker>&) { return false; });
 
   Detection out;
   bool has_open = false;
@@ -47,7 +51,7 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
         found = charuco_from_reading(grey, *charuco, find.reading, is_legacy);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
-      found = aprilgrid_from_tags(grey, *grid, tags);
+      found = aprilgrid_from_tags(grey, *grid, tags[grid->family]);
       n_points = grid->columns * grid->rows * 4;
     }
     ++part_number;

@@ -5,6 +5,7 @@
 #include <deque>
 #include <optional>
 
+#include "detect/buckets.hpp"
 #include "detect/saddles.hpp"
 
 namespace plumbline::detail {
@@ -16,62 +17,6 @@ constexpr double kMostRatio = 2;    ///< of opposite sides of a cell
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
-
-/// Saddles by place.
-class Buckets {
- public:
-  explicit Buckets(const std::vector<Saddle>& saddles) : saddles_(saddles) {
-    for (const Saddle& s : saddles) size_ = size_.cwiseMax(s.px);
-    const double area = (size_.x() + 1) * (size_.y() + 1);
-    pitch_ = std::max(4.0, std::sqrt(area / std::max<double>(1, static_cast<double>(saddles.size()))));
-    nx_ = static_cast<int>(size_.x() / pitch_) + 1;
-    ny_ = static_cast<int>(size_.y() / pitch_) + 1;
-    cells_.resize(static_cast<std::size_t>(nx_) * ny_);
-    for (std::size_t i = 0; i < saddles.size(); ++i)
-      cells_[cell(saddles[i].px)].push_back(static_cast<int>(i));
-  }
-
-  /// Calls visit(index) for the saddles within `radius` of p.
-  template <class Visit>
-  void within(const Vec2& p, double radius, const Visit& visit) const {
-    const int x0 = column(p.x() - radius, nx_), x1 = column(p.x() + radius, nx_);
-    const int y0 = column(p.y() - radius, ny_), y1 = column(p.y() + radius, ny_);
-    for (int y = y0; y <= y1; ++y) {
-      for (int x = x0; x <= x1; ++x) {
-        for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) {
-          if ((saddles_[static_cast<std::size_t>(i)].px - p).squaredNorm() <= radius * radius) visit(i);
-        }
-      }
-    }
-  }
-
-  /// The same for the saddles near the box between two points.
-  template <class Visit>
-  void between(const Vec2& a, const Vec2& b, const Visit& visit) const {
-    const Vec2 low = a.cwiseMin(b), high = a.cwiseMax(b);
-    const int x0 = column(low.x(), nx_), x1 = column(high.x(), nx_);
-    const int y0 = column(low.y(), ny_), y1 = column(high.y(), ny_);
-    for (int y = y0; y <= y1; ++y) {
-      for (int x = x0; x <= x1; ++x) {
-        for (const int i : cells_[static_cast<std::size_t>(y) * nx_ + x]) visit(i);
-      }
-    }
-  }
-
-  double pitch() const { return pitch_; }
-  double extent() const { return std::max(size_.x(), size_.y()); }
-
- private:
-  int column(double v, int n) const { return std::clamp(static_cast<int>(v / pitch_), 0, n - 1); }
-  std::size_t cell(const Vec2& p) const {
-    return static_cast<std::size_t>(column(p.y(), ny_)) * nx_ + column(p.x(), nx_);
-  }
-  const std::vector<Saddle>& saddles_;
-  Vec2 size_ = Vec2::Zero();
-  double pitch_ = 1;
-  int nx_ = 1, ny_ = 1;
-  std::vector<std::vector<int>> cells_;
-};
 
 /// Neighbours are about equally strong: what an image has beside the board is often fainter, seldom stronger.
 constexpr double kAlike = 0.4;

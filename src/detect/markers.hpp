@@ -2,6 +2,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 #include <string_view>
@@ -15,6 +16,7 @@ namespace plumbline::detail {
 struct Marker {
   int id = -1;
   std::array<Vec2, 4> px;  ///< order as the function that made it says
+  int border = 0;          ///< modules, where it was recognised
 };
 
 /// ArUco markers of OpenCV's dictionary ("4X4_50"), clockwise from the marker's own top left. `expected` is
@@ -33,9 +35,12 @@ struct MarkerCodes {
 };
 MarkerCodes marker_codes(std::string_view dictionary);
 
-/// Tags of family 36h11 with a border two modules wide (Kalibr's boards), in Kalibr's order: bottom left,
-/// bottom right, top right, top left. One id may come several times: five ways of looking are united
-/// (docs/detect.md).
-std::vector<Marker> find_april_tags(const cv::Mat& grey);
+/// AprilTags ("36h11", "25h9") whose corners touch small black squares, in Kalibr's order: bottom left,
+/// bottom right, top right, top left. They are read in the dark fields between saddles, in the image's halves
+/// first; after each size is_enough says whether to stop. One id may come several times. Borders of one and
+/// of two modules are read; `border` is tried first. `n_tags`: on the boards looked for. Corners are good to
+/// about a pixel of the size in which they were found.
+std::vector<Marker> find_april_tags(const cv::Mat& grey, std::string_view family, int border, int n_tags,
+                                    const std::function<bool(const std::vector<Marker>&)>& is_enough);
 
 }  // namespace plumbline::detail

@@ -55,6 +55,19 @@ std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2>
   return out;
 }
 
+std::optional<Mat3> square_to_quad(const std::array<Vec2, 4>& px) {
+  const Vec2 a = px[1] - px[2], b = px[3] - px[2], sum = px[0] - px[1] + px[2] - px[3];
+  const double det = a.x() * b.y() - a.y() * b.x();
+  const double g = (sum.x() * b.y() - sum.y() * b.x()) / det, h = (a.x() * sum.y() - a.y() * sum.x()) / det;
+  // w is 1 + g x + h y: positive on the whole square.
+  if (!(1 + g > 1e-6 && 1 + h > 1e-6 && 1 + g + h > 1e-6)) return std::nullopt;
+  Mat3 H;
+  H.col(0) << px[1] - px[0] + g * px[1], g;
+  H.col(1) << px[3] - px[0] + h * px[3], h;
+  H.col(2) << px[0], 1;
+  return H;
+}
+
 std::optional<Vec2> map_point(const Mat3& H, const Vec2& p) {
   const Vec3 q = H * p.homogeneous();
   if (!(q.z() > 1e-12)) return std::nullopt;
@@ -96,12 +109,22 @@ std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<cons
   return order;
 }
 
+std::optional<Mat3> plane_of(const PlacedQuad& quad) {
+  const auto H = square_to_quad(quad.px);
+  if (!H) return std::nullopt;
+  Mat3 board_from_unit = Mat3::Identity();
+  board_from_unit.block<2, 1>(0, 0) = quad.board[1] - quad.board[0];
+  board_from_unit.block<2, 1>(0, 1) = quad.board[3] - quad.board[0];
+  board_from_unit.block<2, 1>(0, 2) = quad.board[0];
+  return Mat3(*H * board_from_unit.inverse());
+}
+
 ConsistentQuads consistent_quads(std::span<const PlacedQuad> quads) {
   const int n = static_cast<int>(quads.size());
   std::vector<std::optional<Mat3>> H(n);
   std::vector<int> parent(n), all(n);
   for (int i = 0; i < n; ++i) {
-    H[i] = fit_plane(quads[i].board, quads[i].px);
+    H[i] = plane_of(quads[i]);
     parent[i] = all[i] = i;
   }
   // Neighbours: the nearest quads on the board, those of the same id not counted.

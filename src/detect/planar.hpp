@@ -16,6 +16,10 @@ namespace plumbline::detail {
 /// result every time).
 std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px, double tolerance_px = 0);
 
+/// The map of the unit square (0, 0), (1, 0), (1, 1), (0, 1) to four corners in that order (Heckbert 1989);
+/// nullopt when they do not make a convex quadrangle.
+std::optional<Mat3> square_to_quad(const std::array<Vec2, 4>& px);
+
 /// H [p; 1] as a pixel; nullopt beyond the plane's horizon.
 std::optional<Vec2> map_point(const Mat3& H, const Vec2& p);
 
@@ -36,6 +40,10 @@ struct PlacedQuad {
   std::array<Vec2, 4> board, px;
   Vec2 board_centre() const { return (board[0] + board[1] + board[2] + board[3]) / 4; }
 };
+
+/// The map from the board to the image by a square marker's own corners; nullopt when they make no convex
+/// quadrangle.
+std::optional<Mat3> plane_of(const PlacedQuad& quad);
 
 /// Of markers that may be misread, misplaced or seen twice: the largest set in which each agrees with a
 /// neighbour that the same board passes through both (each predicts the other's corners to a third of its

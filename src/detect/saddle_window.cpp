@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kShare = 0.5;      ///< of the way to the next corner, which has the rest
 constexpr double kEdgeReach = 3.5;  ///< an edge is flat beyond so many blurs
-constexpr double kLeak = 1.5;       ///< the next edge is felt up to so many blurs before it
+constexpr double kLeak = 2.0;       ///< the next edge is felt up to so many blurs before it
 
 /// A band along each edge [board units]: from low to high along it and `side` to both sides.
 struct Bands {

@@ -16,6 +16,35 @@ constexpr double kStrayFloor = 0.4, kStrayCap = 1.0;
 /// Share of a square (tag) that a prediction at the rim of a board may be wrong by itself on a wide lens.
 constexpr double kBend = 0.10;
 
+/// The homography that carries places (about the origin) to pixels, by least squares on its linear equations
+/// (Hartley and Zisserman 2004, 4.1.2, with w = 1 at the origin); pixels are counted from their mean.
+std::optional<Mat3> plane_through(const std::vector<Vec2>& from, const std::vector<Vec2>& to) {
+  const std::size_t n = from.size();
+  if (n < 4) return std::nullopt;
+  Vec2 mean = Vec2::Zero();
+  for (const Vec2& p : to) mean += p / static_cast<double>(n);
+  double scale = 0;
+  for (const Vec2& p : to) scale += (p - mean).norm() / static_cast<double>(n);
+  if (!(scale > 0)) return std::nullopt;
+  MatX A = MatX::Zero(2 * n, 8);
+  VecX b(2 * n);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Vec2& p = from[i];
+    const Vec2 q = (to[i] - mean) / scale;
+    A.row(2 * i) << p.x(), p.y(), 1, 0, 0, 0, -p.x() * q.x(), -p.y() * q.x();
+    A.row(2 * i + 1) << 0, 0, 0, p.x(), p.y(), 1, -p.x() * q.y(), -p.y() * q.y();
+    b.segment<2>(2 * i) = q;
+  }
+  const auto h = solve_least_squares(A, b);
+  if (!h) return std::nullopt;
+  Mat3 H;
+  H << (*h)(0), (*h)(1), (*h)(2), (*h)(3), (*h)(4), (*h)(5), (*h)(6), (*h)(7), 1;
+  Mat3 to_px = Mat3::Identity();
+  to_px(0, 0) = to_px(1, 1) = scale;
+  to_px.block<2, 1>(0, 2) = mean;
+  return Mat3(to_px * H);
+}
+
 }  // namespace
 
 std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& at, int skip) {
@@ -33,7 +62,7 @@ std::optional<Prediction> predict(const std::vector<Refined>& all, const Vec2& a
     from.push_back(near[i]->board - at);
     to.push_back(near[i]->px);
   }
-  const auto H = fit_plane(from, to);
+  const auto H = plane_through(from, to);
   const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
   if (!px) return std::nullopt;
   Prediction out{*px, map_jacobian(*H, Vec2(0, 0))};

@@ -51,13 +51,14 @@ Charuco read_charuco(const Field& field) {
 }
 
 AprilGrid read_aprilgrid(const Field& field) {
-  field.only({"name", "type", "tags", "tag_m", "spacing", "family", "first_id"});
+  field.only({"name", "type", "tags", "tag_m", "spacing", "family", "first_id", "border"});
   AprilGrid board;
   std::tie(board.columns, board.rows) = std::tuple_cat(two_counts(field.at("tags")));
   board.tag_m = field.at("tag_m").number();
   board.spacing = field.at("spacing").number();
   if (const auto family = field.find("family")) board.family = family->text();
   if (const auto id = field.find("first_id")) board.first_id = id->integer(0, kMaxInt);
+  if (const auto border = field.find("border")) board.border = border->integer(1, 2);
   return board;
 }
 
@@ -174,6 +175,7 @@ void write_spec(std::string& out, const std::string& indent, const TargetSpec& s
     line("spacing", number_text(a->spacing));
     line("family", yaml_text(a->family));
     line("first_id", std::to_string(a->first_id));
+    if (a->border != 2) line("border", std::to_string(a->border));
     line("tags", counts(a->columns, a->rows));
   } else if (const auto* d = std::get_if<Circles>(&spec)) {
     line("type", type);

@@ -89,7 +89,7 @@ Result<BoardDrawing> draw(const AprilGrid& b) {
   const double gap = b.spacing * b.tag_m, pitch = b.tag_m + gap;
   for (int r = 0; r < b.rows; ++r) {
     for (int c = 0; c < b.columns; ++c) {
-      const auto modules = detail::april_modules(b.first_id + r * b.columns + c);
+      const auto modules = detail::april_modules(b.family, b.first_id + r * b.columns + c, b.border);
       if (!modules) return modules.error();
       std::vector<Box> tag;  // in a frame at the tag's top left with y down
       add_modules(*modules, Vec2::Zero(), b.tag_m, tag);
@@ -110,6 +110,7 @@ Result<BoardDrawing> draw(const AprilGrid& b) {
   drawing.margin_m = 0.5 * gap;
   drawing.note = fmt::format("{}x{} tags of {}, gap {}, tag{} ids {}..{}", b.columns, b.rows, mm(b.tag_m),
                              mm(gap), b.family, b.first_id, b.first_id + b.columns * b.rows - 1);
+  if (b.border != 2) drawing.note += fmt::format(", border of {} module", b.border);
   return drawing;
 }
 

@@ -2,6 +2,7 @@
 #include "markers.hpp"
 
 #include <apriltag/apriltag.h>
+#include <apriltag/tag25h9.h>
 #include <apriltag/tag36h11.h>
 #include <fmt/format.h>
 
@@ -52,16 +53,23 @@ Result<Modules> aruco_modules(std::string_view dictionary, int id) {
   return modules;
 }
 
-Result<Modules> april_modules(int id) {
-  const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family(tag36h11_create(),
-                                                                                tag36h11_destroy);
-  if (id < 0 || id >= static_cast<int>(family->ncodes)) return bad(fmt::format("tag36h11 has no tag {}", id));
-  Modules modules{10, std::vector<char>(100, 1)};
-  // bit_x and bit_y count modules from the outer edge of a border ONE module wide; Kalibr's is two wide. The
-  // first of the nbits bits is the highest; a bit that is set is white.
+Result<Modules> april_modules(std::string_view name, int id, int border) {
+  using Family = std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)>;
+  const Family family = name == "36h11"  ? Family(tag36h11_create(), tag36h11_destroy)
+                        : name == "25h9" ? Family(tag25h9_create(), tag25h9_destroy)
+                                         : Family(nullptr, tag36h11_destroy);
+  if (!family) return bad(fmt::format("no tag family is called '{}'", name));
+  if (id < 0 || id >= static_cast<int>(family->ncodes))
+    return bad(fmt::format("tag{} has no tag {}", name, id));
+  const int n = family->width_at_border + 2 * (border - 1);
+  Modules modules{n, std::vector<char>(static_cast<std::size_t>(n * n), 1)};
+  // bit_x and bit_y count modules from the outer edge of a border ONE module wide. The first of the nbits
+  // bits is the highest; a bit that is set is white.
   for (std::uint32_t i = 0; i < family->nbits; ++i) {
     const bool white = (family->codes[id] >> (family->nbits - 1 - i)) & 1;
-    modules.black[(family->bit_y[i] + 1) * 10 + family->bit_x[i] + 1] = !white;
+    const int row = static_cast<int>(family->bit_y[i]) + border - 1;
+    const int column = static_cast<int>(family->bit_x[i]) + border - 1;
+    modules.black[static_cast<std::size_t>(row * n + column)] = !white;
   }
   return modules;
 }

@@ -18,7 +18,8 @@ struct Modules {
 /// dictionary or id.
 Result<Modules> aruco_modules(std::string_view dictionary, int id);
 
-/// Tag `id` of tag36h11 with Kalibr's border of two modules: 10 x 10. kInvalidData: no such id.
-Result<Modules> april_modules(int id);
+/// Tag `id` of the AprilTag library's family ("36h11", "25h9") with a border of one or (Kalibr) two modules.
+/// kInvalidData: no such family or id.
+Result<Modules> april_modules(std::string_view family, int id, int border);
 
 }  // namespace plumbline::detail

@@ -75,12 +75,15 @@ Result<std::vector<Vec3>> points_of(const AprilGrid& b) {
         "tag-spacing is {}: a ratio of the tag's size is needed (0.3: the gap is 0.3 tags wide), not metres",
         b.spacing));
   }
-  if (b.family != "36h11")
-    return bad(fmt::format("tag family '{}' is not supported; there is: 36h11", b.family));
-  if (b.first_id < 0 || b.first_id + b.columns * b.rows > 587) {
-    return bad(fmt::format("tags {}..{} are needed, 36h11 has 587", b.first_id,
-                           b.first_id + b.columns * b.rows - 1));
+  if (b.family != "36h11" && b.family != "25h9")
+    return bad(fmt::format("tag family '{}' is not supported; there are: 36h11, 25h9", b.family));
+  const int n_tags = dictionary_size("APRILTAG_" + b.family).value_or(0);
+  if (b.first_id < 0 || b.first_id + b.columns * b.rows > n_tags) {
+    return bad(fmt::format("tags {}..{} are needed, {} has {}", b.first_id,
+                           b.first_id + b.columns * b.rows - 1, b.family, n_tags));
   }
+  if (b.border != 1 && b.border != 2)
+    return bad(fmt::format("a border of {} modules is not known; AprilTag's is 1, Kalibr's 2", b.border));
   const double pitch = b.tag_m * (1 + b.spacing);
   std::vector<Vec3> points;
   for (int r = 0; r < b.rows; ++r) {

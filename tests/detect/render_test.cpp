@@ -112,8 +112,10 @@ Shade charuco_shade(const Charuco& board, bool legacy, bool negative) {
 Shade aprilgrid_shade(const AprilGrid& board) {
   auto modules = std::make_shared<std::vector<cv::Mat>>();
   for (int t = 0; t < board.columns * board.rows; ++t) {
-    cv::Mat tag;  // Kalibr prints this family turned by half a turn against OpenCV's drawing
-    cv::rotate(marker_modules(cv::aruco::DICT_APRILTAG_36h11, board.first_id + t, 2), tag, cv::ROTATE_180);
+    cv::Mat tag;  // AprilTag's families are turned by half a turn in OpenCV's drawing
+    const int family =
+        board.family == "25h9" ? cv::aruco::DICT_APRILTAG_25h9 : cv::aruco::DICT_APRILTAG_36h11;
+    cv::rotate(marker_modules(family, board.first_id + t, board.border), tag, cv::ROTATE_180);
     modules->push_back(tag);
   }
   return [=](const Vec2& p) {

@@ -32,6 +32,11 @@ TEST(TargetIo, ReadsEachTypeOfOurs) {
           ->spec,
       TargetSpec(april));
   EXPECT_EQ(
+      parse_target("{type: aprilgrid, tags: [5, 4], tag_m: 0.1, spacing: 0.25, family: 25h9, border: 1}")
+          ->spec,
+      TargetSpec(AprilGrid{5, 4, 0.1, 0.25, "25h9", 0, 1}));
+  EXPECT_FALSE(parse_target("{type: aprilgrid, tags: [5, 4], tag_m: 0.1, spacing: 0.25, border: 0}"));
+  EXPECT_EQ(
       parse_target("type: circles\ncircles: [4, 11]\nspacing_m: 0.02\ndiameter_m: 0.01\nasymmetric: true\n")
           ->spec,
       TargetSpec(Circles{4, 11, 0.02, 0.01, true}));
@@ -66,7 +71,8 @@ TEST(TargetIo, GivesEverySpecBackToTheLastBit) {
       {AprilGrid{3, 4, 0.05, 0.25, "36h11", 30}, SE3(so3_exp({-3, 0.2, 0.1}), {0.3, 0, 1e-3})});
   for (const TargetSpec& spec :
        {TargetSpec(Chessboard{7, 5, 1.0 / 30}), TargetSpec(one), TargetSpec(AprilGrid{}),
-        TargetSpec(Circles{4, 11, 0.02, 0, true}), TargetSpec(Circles{4, 5, 0.02, 0.013, false}),
+        TargetSpec(AprilGrid{5, 4, 0.1, 0.3, "25h9", 2, 1}), TargetSpec(Circles{4, 11, 0.02, 0, true}),
+        TargetSpec(Circles{4, 5, 0.02, 0.013, false}),
         TargetSpec(Points3d{{{0, 0, 0}, {0.1, 0, 0}, {1.0 / 3, 2.0 / 3, 0}, {0, 0.7, 1e-17}}}),
         TargetSpec(rig)}) {
     const Target target = make_target(spec, "a name: with \"quotes\" # and \n more").value();

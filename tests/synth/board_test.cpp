@@ -2,6 +2,7 @@
 #include "plumbline/synth/board.hpp"
 
 #include <apriltag/apriltag.h>
+#include <apriltag/tag25h9.h>
 #include <apriltag/tag36h11.h>
 
 #include <cstdlib>
@@ -99,30 +100,37 @@ TEST(Board, CharucoFirstIdAndLegacyLayout) {
   EXPECT_EQ(n_different(sample(drawing_of(odd), 1e-3), sample(drawing_of(odd_legacy), 1e-3)), 0);
 }
 
-TEST(Board, AprilGridTagsAreAprilTagsOwnWithATwoModuleBorder) {
-  apriltag_family_t* family = tag36h11_create();
+TEST(Board, AprilGridTagsAreAprilTagsOwnWithABorderOfOneOrTwoModules) {
   const double tag_m = 0.1;
-  const AprilGrid grid{3, 2, tag_m, 0.3, "36h11", 4};
-  const BoardDrawing d = drawing_of(grid);
-  const Target target = *make_target(grid);
-  for (int t = 0; t < 6; ++t) {
-    image_u8_t* theirs =
-        apriltag_to_image(family, static_cast<std::uint32_t>(4 + t));  // white rim, border of one, 6x6
-    ASSERT_EQ(theirs->width, 10);
-    const Vec2 bottom_left = target.points[4 * t].head<2>(), top_right = target.points[4 * t + 2].head<2>();
-    for (int r = 0; r < 10; ++r) {
-      for (int c = 0; c < 10; ++c) {
-        const bool border = r < 2 || r > 7 || c < 2 || c > 7;
-        // Kalibr scales the tag so that 10 modules fill it: the 6x6 code stands at modules 2..7 of both.
-        const bool white = !border && theirs->buf[r * theirs->stride + c] != 0;
-        EXPECT_EQ(is_black(d, {bottom_left.x() + (c + 0.5) * 0.01, top_right.y() - (r + 0.5) * 0.01}), !white)
-            << t << " " << r << " " << c;
+  for (const std::string name : {"36h11", "25h9"}) {
+    apriltag_family_t* family = name == "25h9" ? tag25h9_create() : tag36h11_create();
+    for (const int border : {1, 2}) {
+      const AprilGrid grid{3, 2, tag_m, 0.3, name, 4, border};
+      const BoardDrawing d = drawing_of(grid);
+      const Target target = *make_target(grid);
+      for (int t = 0; t < 6; ++t) {
+        // With a white rim and a border of one module around the code.
+        image_u8_t* theirs = apriltag_to_image(family, static_cast<std::uint32_t>(4 + t));
+        const int inner = theirs->width - 4, n = inner + 2 * border;
+        ASSERT_EQ(inner, name == "25h9" ? 5 : 6);
+        const Vec2 bottom_left = target.points[4 * t].head<2>(),
+                   top_right = target.points[4 * t + 2].head<2>();
+        for (int r = 0; r < n; ++r) {
+          for (int c = 0; c < n; ++c) {
+            const int y = r - border, x = c - border;
+            const bool is_code = y >= 0 && x >= 0 && y < inner && x < inner;
+            // Kalibr scales the tag so that all modules fill it.
+            const bool white = is_code && theirs->buf[(y + 2) * theirs->stride + x + 2] != 0;
+            const Vec2 p(bottom_left.x() + (c + 0.5) * tag_m / n, top_right.y() - (r + 0.5) * tag_m / n);
+            EXPECT_EQ(is_black(d, p), !white) << name << " " << t << " " << r << " " << c;
+          }
+        }
+        std::free(theirs->buf);  // image_u8_destroy is not exported by every build of the library
+        std::free(theirs);
       }
     }
-    std::free(theirs->buf);  // image_u8_destroy is not exported by every build of the library
-    std::free(theirs);
+    name == "25h9" ? tag25h9_destroy(family) : tag36h11_destroy(family);
   }
-  tag36h11_destroy(family);
 }
 
 TEST(Board, AprilGridHasBlackSquaresWhereTagsMeet) {

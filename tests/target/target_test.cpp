@@ -127,6 +127,10 @@ TEST(Target, RefusesWhatMakesNoSenseAndNamesIt) {
   EXPECT_THAT(fault(Charuco{12, 11, 0.03, 0.02, "4X4_50"}), HasSubstr("has 50"));
   EXPECT_THAT(fault(AprilGrid{6, 6, 0.088, 0.0}), HasSubstr("ratio"));
   EXPECT_THAT(fault(AprilGrid{30, 30, 0.088, 0.3}), HasSubstr("587"));
+  EXPECT_THAT(fault(AprilGrid{6, 6, 0.088, 0.3, "25h9"}), HasSubstr("25h9 has 35"));
+  EXPECT_EQ(fault(AprilGrid{5, 7, 0.088, 0.3, "25h9"}), "");
+  EXPECT_THAT(fault(AprilGrid{2, 2, 0.088, 0.3, "16h5"}), HasSubstr("36h11, 25h9"));
+  EXPECT_THAT(fault(AprilGrid{6, 6, 0.088, 0.3, "36h11", 0, 3}), HasSubstr("border of 3"));
   EXPECT_THAT(fault(Circles{4, 11, 0.02, 0.03, true}), HasSubstr("touch"));
   EXPECT_THAT(fault(Points3d{{Vec3::Zero(), Vec3::Ones()}}), HasSubstr("at least 4"));
   BoardRig rig;

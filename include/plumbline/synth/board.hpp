@@ -39,9 +39,9 @@ struct BoardDrawing {
 };
 
 /// The drawings of a target: one, or one per part of a rig, in the order of its parts. Marker bits are those
-/// of OpenCV's ArUco dictionaries; AprilGrid codes those of the apriltag library's tag36h11 with a black
-/// border of TWO modules, and black squares of spacing * tag_m at the tags' corners, as Kalibr prints them.
-/// kUnsupported for free points.
+/// of OpenCV's ArUco dictionaries; AprilGrid codes those of the apriltag library with a black border of
+/// AprilGrid::border modules (Kalibr: TWO), and black squares of spacing * tag_m at the tags' corners, as
+/// Kalibr prints them. kUnsupported for free points.
 Result<std::vector<BoardDrawing>> draw_target(const Target& target);
 
 /// Whether the point [m, board frame] is on a black shape: the definition that printing and rendering are

@@ -45,17 +45,19 @@ struct Charuco {
   bool operator==(const Charuco&) const = default;
 };
 
-/// Kalibr's grid of columns x rows AprilTags with a border two modules wide and small black squares where
-/// tags meet. spacing is the gap as a RATIO of the tag's size. Tag t (row t / columns from the BOTTOM) has
-/// points 4t + 0..3: bottom left, bottom right, top right, top left; its bottom-left corner is at (t %
-/// columns, t / columns) * tag_m * (1 + spacing).
+/// Kalibr's grid of columns x rows AprilTags ("36h11", "25h9") with small black squares where tags meet.
+/// Kalibr prints a border two modules wide; border says how wide it is drawn, 1 or 2, and the detector reads
+/// both. spacing is the gap as a RATIO of the tag's size. Tag t (row t / columns from the BOTTOM) has points
+/// 4t + 0..3: bottom left, bottom right, top right, top left; its bottom-left corner is at (t % columns, t /
+/// columns) * tag_m * (1 + spacing).
 struct AprilGrid {
   static constexpr std::string_view kType = "aprilgrid";
-  static constexpr std::string_view kSummary = "Kalibr's grid of AprilTags (36h11, border of two modules)";
+  static constexpr std::string_view kSummary = "Kalibr's grid of AprilTags (36h11 or 25h9)";
   int columns = 6, rows = 6;
   double tag_m = 0.088, spacing = 0.3;
   std::string family = "36h11";
   int first_id = 0;
+  int border = 2;  ///< modules of black around a tag's bits; tag_m is the side with it
   bool operator==(const AprilGrid&) const = default;
 };
 
