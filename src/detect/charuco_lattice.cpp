@@ -16,7 +16,7 @@ constexpr int kCoarsest = 500;
 constexpr int kMostSaddles = 4000;
 /// Saddles along an edge: those of a marker stand beside it. Seen aslant, edges lie far from where smoothed
 /// curvatures say.
-constexpr int kTries = 6;
+constexpr int kTries = 4;
 constexpr double kCone = 0.65;
 constexpr int kLeastBox = 2, kMostLattices = 150;
 constexpr double kLeastShare = 0.3;  ///< of its box that a lattice fills
