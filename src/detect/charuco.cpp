@@ -119,11 +119,13 @@ std::string why_none(const Charuco& board, const CharucoReading& reading) {
 /// of another board contradict.
 BoardPlacement read_again(const cv::Mat& grey, const Charuco& board, const std::vector<Corner>& corners,
                           const BoardPlacement& first, const MarkerBook& book) {
-  ChessGrid grid(board.columns - 1, board.rows - 1);
-  for (const Corner& c : corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
+  // One place more on each side: the squares beyond the board's.
+  const int w = board.columns - 1;
+  ChessGrid grid(board.columns + 1, board.rows + 1);
+  for (const Corner& c : corners) grid.at(c.point % w + 1, c.point / w + 1) = c.px;
   BoardPlacement out;
   out.is_legacy = first.is_legacy, out.is_negative = first.is_negative;
-  out.shift_c = out.shift_r = -1;
+  out.shift_c = out.shift_r = -2;  // and one of those foretold
   count_agreeing(read_squares(grey, with_places_around(grid, 1), board, book), board, out);
   return out;
 }
