@@ -18,6 +18,8 @@ namespace {
 constexpr int kCoarsest = 500;
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
+constexpr double kFineScale = 0.5;  ///< corners found there are good starts
+constexpr double kLeastHoleMisfit = 0.4, kMoreMisfit = 2.5;
 constexpr double kFirstPx = 0.05;  ///< last step of the first fits, which say how the edges bend
 constexpr double kStray = 0.16;    ///< of the way between two neighbours: off their middle
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
@@ -134,6 +136,9 @@ struct Fitted {
   ChessGrid grid;
   GridFit how;
   std::vector<std::optional<SaddleFit>> fits;
+  double blur_px = 0;  ///< of the last corner that was fitted
+  /// What a corner that the search missed may leave of its contrast, by what the others leave.
+  double hole_misfit = kLeastHoleMisfit;
 };
 
 SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J, int c, int r, double scale,
@@ -168,7 +173,14 @@ void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, boo
   to.reset();
   if (!J || out.how.across * narrow_height(*J) < out.how.least_across_px) return;
   SaddleWindow window = window_at(out.grid, out.how, *J, c, r, scale, is_seen, false);
+  if (!is_seen) window.max_misfit = out.hole_misfit;
+  if (scale >= kFineScale && is_seen) window.usual_blur_px = out.blur_px;
   to = fit_saddle(grey, start, window, noise);
+  if (!to && window.usual_blur_px > 0) {
+    window.usual_blur_px = 0;  // it looks otherwise than those beside it
+    to = fit_saddle(grey, start, window, noise);
+  }
+  if (to) out.blur_px = to->blur_px;
   if (to || out.how.across >= 1) return;
   // Glare, a strong bend, markers close by: nearer to the corner there is less of it.
   window.max_arm_px = kShortArmPx;
@@ -316,6 +328,11 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
   drop_blurred(out);
   drop_misfits(out);
   drop_strays(out);
+  std::vector<double> misfits;
+  for (const auto& f : out.fits) {
+    if (f) misfits.push_back(f->misfit / std::abs(f->contrast));
+  }
+  out.hole_misfit = std::clamp(kMoreMisfit * median(std::move(misfits)), kLeastHoleMisfit, kMaxMisfit);
   // What the search missed: holes, and corners at the image's border.
   for (int round = 0; round < how.rounds; ++round) {
     bool is_new = false;

@@ -145,11 +145,10 @@ bool settle(Region& region, const Vec2& curvature, int rounds, double enough_px,
       if (damping > 1e4) return true;  // no step gets lower: this is the bottom
       continue;
     }
-    const bool is_done = is_short && trial.cost > normal.cost * (1 - 1e-4);
     p = next;
     normal = trial;
     damping = std::max(damping / 10, 1e-9);
-    if (is_done) return true;
+    if (is_short) return true;  // steps shrink tenfold each
   }
   return true;
 }
@@ -167,6 +166,17 @@ std::optional<double> standard_error(const Normal& normal, double variance) {
     trace += solve(L, unit)[static_cast<std::size_t>(k)];
   }
   return std::sqrt(variance * trace / 2);
+}
+
+/// A first state where the start is good and the blur known.
+Params guess(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window, const double (&angle)[2]) {
+  const double blur = window.usual_blur_px;
+  const Vec2 u = window.J.col(0), v = window.J.col(1);
+  const double reach = std::min({0.5 * window.across, 2 * blur / u.norm(), 2 * blur / v.norm()});
+  const Vec2 a = reach * (u + v), b = reach * (u - v);
+  const double same = sample(grey, start + a) + sample(grey, start - a);
+  const double other = sample(grey, start + b) + sample(grey, start - b);
+  return {start.x(), start.y(), angle[0], angle[1], blur, (same + other) / 4, (same - other) / 4, 0, 0};
 }
 
 /// A first state of the model, from the pixels next to `start`; false where there is nothing.
@@ -221,6 +231,8 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   Normal normal;
   if (before) {
     p = before->state;
+  } else if (window.usual_blur_px > 0) {
+    p = guess(grey, start, window, angle);
   } else if (!find(grey, start, window, angle, region, p)) {
     return std::nullopt;
   }
