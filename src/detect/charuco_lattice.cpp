@@ -18,7 +18,7 @@ constexpr int kMostSaddles = 4000;
 /// curvatures say.
 constexpr int kTries = 4;
 constexpr double kCone = 0.65;
-constexpr int kLeastBox = 2, kMostLattices = 150;
+constexpr int kLeastBox = 2, kMostLattices = 60;
 constexpr double kLeastShare = 0.3;  ///< of its box that a lattice fills
 /// Beside an edge [of its length, px]: inside of the white around a marker.
 constexpr double kBeside = 0.06, kLeastBeside = 1.2;

@@ -24,7 +24,7 @@ constexpr std::size_t kMostGuesses = 6;
 constexpr double kLooseWeight = 0.35;  ///< of a square that agrees but is not clear
 constexpr double kLeastWeight = 2;     ///< of a placement
 constexpr double kLeastShare = 0.3;    ///< of the squares that look like markers
-constexpr double kMostOpposed = 0.12;   ///< of those that agree
+constexpr double kMostOpposed = 0.12;  ///< of those that agree
 /// Markers that go on where the board ends: a larger one, of which this board would be a part.
 constexpr int kFewBeyond = 1;
 constexpr double kMostBeyond = 0.1;
