@@ -48,7 +48,8 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
       const bool is_legacy = layout == Charuco::Layout::kLegacy;
       found = find.detection;
       if (has_open_layout(*charuco) && (find.reading.layout_vote < 0) != is_legacy)
-        found = charuco_from_reading(grey, *charuco, find.reading, is_legacy);
+        found =
+            charuco_from_reading(grey, *charuco, find.reading, marker_book(charuco->dictionary), is_legacy);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
       found = aprilgrid_from_tags(grey, *grid, tags[grid->family]);

@@ -102,15 +102,32 @@ std::vector<Corner> corners_of(const cv::Mat& grey, const Charuco& board, const 
   return out;
 }
 
+std::string another_one(int n_agreeing, int n_markers) {
+  return fmt::format("only {} of the {} markers found lie as on this board: it is another one", n_agreeing,
+                     n_markers);
+}
+
 std::string why_none(const Charuco& board, const CharucoReading& reading) {
-  if (reading.n_opposed >= kFew) {
-    return fmt::format("only {} of the {} markers found lie as on this board: it is another one",
-                       reading.n_markers - reading.n_opposed, reading.n_markers);
-  }
+  if (reading.n_opposed >= kFew) return another_one(reading.n_markers - reading.n_opposed, reading.n_markers);
   if (reading.n_markers == 0)
     return fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
   return fmt::format("{} of {} markers of {} found, at least 2 are needed to tell", reading.n_markers,
                      n_markers(board), board.dictionary);
+}
+
+/// The markers read once more through the corners that were found: more of them than a lattice had, and those
+/// of another board contradict.
+BoardPlacement read_again(const cv::Mat& grey, const Charuco& board, const std::vector<Corner>& corners,
+                          const BoardPlacement& first, const MarkerBook& book) {
+  // One place more on each side: the squares beyond the board's.
+  const int w = board.columns - 1;
+  ChessGrid grid(board.columns + 1, board.rows + 1);
+  for (const Corner& c : corners) grid.at(c.point % w + 1, c.point / w + 1) = c.px;
+  BoardPlacement out;
+  out.is_legacy = first.is_legacy, out.is_negative = first.is_negative;
+  out.shift_c = out.shift_r = -2;  // and one of those foretold
+  count_agreeing(read_squares(grey, with_places_around(grid, 1), board, book), board, out);
+  return out;
 }
 
 CharucoReading read_level(LatticePyramid& pyramid, int level, const Charuco& board, const MarkerBook& book) {
@@ -159,7 +176,7 @@ CharucoFind find_charuco(LatticePyramid& pyramid, const Charuco& board) {
     here.reading = read_level(pyramid, k, board, book);
     const bool is_legacy = board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy ||
                                                    (has_open_layout(board) && here.reading.layout_vote < 0));
-    here.detection = charuco_from_reading(grey, board, here.reading, is_legacy);
+    here.detection = charuco_from_reading(grey, board, here.reading, book, is_legacy);
     const std::size_t n = here.detection.corners.size(), n_best = best.detection.corners.size();
     const bool is_better = n != n_best ? n > n_best : here.reading.n_markers > best.reading.n_markers;
     if (k == 0 || is_better) best = std::move(here);
@@ -185,20 +202,22 @@ std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) 
 }
 
 Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading,
-                               bool is_legacy) {
+                               const MarkerBook& book, bool is_legacy) {
   Detection out;
   out.layout_vote = reading.layout_vote;
   ChessGrid grid(board.columns - 1, board.rows - 1);
   double scale = 1;
   int n_read = 0;
+  const BoardPlacement* first = nullptr;
   for (const CharucoReading::Part& part : reading.parts) {
     const BoardPlacement& placement = is_legacy ? part.legacy : part.current;
     if (!placement.is_sure) continue;
+    if (first == nullptr) first = &placement;
     join(part, placement, grid);
     scale = part.lattice.scale;
     n_read += placement.agreeing;
   }
-  if (grid.count() == 0) {
+  if (first == nullptr) {
     out.reason = why_none(board, reading);
     return out;
   }
@@ -207,6 +226,12 @@ Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const 
     out.reason = fmt::format(
         "{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
         out.corners.size(), (board.columns - 1) * (board.rows - 1), n_read, n_markers(board), kMinCorners);
+    out.corners.clear();
+    return out;
+  }
+  const BoardPlacement again = read_again(grey, board, out.corners, *first, book);
+  if (!is_uncontested(again)) {
+    out.reason = another_one(again.agreeing, again.agreeing + again.opposed);
     out.corners.clear();
     return out;
   }

@@ -31,9 +31,9 @@ struct CharucoFind {
 };
 CharucoFind find_charuco(LatticePyramid& pyramid, const Charuco& board);
 
-/// The board's corners from a reading, under one of its layouts.
+/// The board's corners from a reading, under one of its layouts. `book`: of the board's dictionary.
 Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading,
-                               bool is_legacy);
+                               const MarkerBook& book, bool is_legacy);
 
 /// Whether the board looks different under the two layouts and the target leaves open which it is.
 inline bool has_open_layout(const Charuco& board) {

@@ -16,9 +16,9 @@ constexpr int kCoarsest = 500;
 constexpr int kMostSaddles = 4000;
 /// Saddles along an edge: those of a marker stand beside it. Seen aslant, edges lie far from where smoothed
 /// curvatures say.
-constexpr int kTries = 6;
+constexpr int kTries = 4;
 constexpr double kCone = 0.65;
-constexpr int kLeastBox = 2, kMostLattices = 150;
+constexpr int kLeastBox = 2, kMostLattices = 60;
 constexpr double kLeastShare = 0.3;  ///< of its box that a lattice fills
 /// Beside an edge [of its length, px]: inside of the white around a marker.
 constexpr double kBeside = 0.06, kLeastBeside = 1.2;
@@ -50,16 +50,26 @@ std::optional<SeenLattice> seen_lattice(const std::vector<LatticeNode>& nodes,
     j0 = std::min(j0, n.j), j1 = std::max(j1, n.j);
   }
   if (static_cast<double>(nodes.size()) < kLeastShare * (i1 - i0 + 1) * (j1 - j0 + 1)) return std::nullopt;
-  SeenLattice out;
-  out.grid = ChessGrid(i1 - i0 + 3, j1 - j0 + 3);
-  out.scale = scale;
-  out.n_seen = static_cast<int>(nodes.size());
+  ChessGrid grid(i1 - i0 + 1, j1 - j0 + 1);
   for (const LatticeNode& n : nodes) {
     const Vec2& p = saddles[static_cast<std::size_t>(n.saddle)].px;
-    out.grid.at(n.i - i0 + 1, n.j - j0 + 1) = (p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
+    grid.at(n.i - i0, n.j - j0) = (p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
+  }
+  return with_places_around(grid, scale);
+}
+
+}  // namespace
+
+SeenLattice with_places_around(const ChessGrid& seen, double scale) {
+  SeenLattice out;
+  out.grid = ChessGrid(seen.columns + 2, seen.rows + 2);
+  out.scale = scale;
+  out.n_seen = seen.count();
+  for (int r = 0; r < seen.rows; ++r) {
+    for (int c = 0; c < seen.columns; ++c) out.grid.at(c + 1, r + 1) = seen.at(c, r);
   }
   for (const auto& p : out.grid.px) out.is_seen.push_back(p ? 1 : 0);
-  // The places around them and the holes: what was foretold foretells the next.
+  // What was foretold foretells the next.
   for (int round = 0; round < 2; ++round) {
     const ChessGrid before = out.grid;
     for (int r = 0; r < out.grid.rows; ++r) {
@@ -70,8 +80,6 @@ std::optional<SeenLattice> seen_lattice(const std::vector<LatticeNode>& nodes,
   }
   return out;
 }
-
-}  // namespace
 
 LatticePyramid::LatticePyramid(const cv::Mat& grey) : images_{grey} {
   while (std::max(images_.front().cols, images_.front().rows) > kCoarsest) {

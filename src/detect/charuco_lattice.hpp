@@ -17,6 +17,9 @@ struct SeenLattice {
   double scale = 1;  ///< of the image that it was found in: places are good to a pixel of that
 };
 
+/// A lattice of the places that a grid has, with those around and between them.
+SeenLattice with_places_around(const ChessGrid& seen, double scale);
+
 /// The lattices of an image, at its size and halves of it; each size is searched when it is asked for and not
 /// twice. Knows of no board, so that several boards share it.
 class LatticePyramid {

@@ -24,10 +24,10 @@ constexpr std::size_t kMostGuesses = 6;
 constexpr double kLooseWeight = 0.35;  ///< of a square that agrees but is not clear
 constexpr double kLeastWeight = 2;     ///< of a placement
 constexpr double kLeastShare = 0.3;    ///< of the squares that look like markers
-constexpr double kMostOpposed = 0.4;   ///< of those that agree
+constexpr double kMostOpposed = 0.12;  ///< of those that agree
 /// Markers that go on where the board ends: a larger one, of which this board would be a part.
-constexpr int kFewBeyond = 2;
-constexpr double kMostBeyond = 0.12;
+constexpr int kFewBeyond = 1;
+constexpr double kMostBeyond = 0.1;
 constexpr double kMostRival = 0.6;  ///< weight of the second placement
 
 /// The square between four places of a grid; its own coordinates run from 0 to 1.
@@ -232,6 +232,28 @@ std::vector<ReadSquare> read_squares(const cv::Mat& grey, const SeenLattice& lat
   return out;
 }
 
+void count_agreeing(const std::vector<ReadSquare>& squares, const Charuco& board, BoardPlacement& placement) {
+  const auto places = marker_squares(board, placement.is_legacy);
+  for (const ReadSquare& s : squares) {
+    auto [c, r] = unshifted_square(s, placement.turn);
+    c += placement.shift_c, r += placement.shift_r;
+    const auto at = std::find(places.begin(), places.end(), std::pair{c, r});
+    const int id = at == places.end() ? -1 : board.first_id + static_cast<int>(at - places.begin());
+    const bool agrees = s.is_negative == placement.is_negative &&
+                        std::any_of(s.guesses.begin(), s.guesses.end(),
+                                    [&](const auto& g) { return g.id == id && g.turn == placement.turn; });
+    placement.agreeing += agrees ? 1 : 0;
+    if (agrees || !s.is_clear) continue;
+    ++placement.opposed;
+    if (c < 0 || r < 0 || c >= board.columns || r >= board.rows) ++placement.beyond;
+  }
+}
+
+bool is_uncontested(const BoardPlacement& placement) {
+  return placement.opposed <= kMostOpposed * placement.agreeing &&
+         (placement.beyond < kFewBeyond || placement.beyond < kMostBeyond * placement.agreeing);
+}
+
 BoardPlacement place_on_board(const std::vector<ReadSquare>& squares, const Charuco& board, bool is_legacy) {
   const auto places = marker_squares(board, is_legacy);
   const auto votes = votes_of(squares, board, places);
@@ -243,23 +265,9 @@ BoardPlacement place_on_board(const std::vector<ReadSquare>& squares, const Char
   std::tie(out.is_negative, out.turn, out.shift_c, out.shift_r) = best->first;
   double rival = 0;
   for (auto v = votes.begin(); v != votes.end(); ++v) rival = v == best ? rival : std::max(rival, v->second);
-  for (const ReadSquare& s : squares) {
-    auto [c, r] = unshifted_square(s, out.turn);
-    c += out.shift_c, r += out.shift_r;
-    const auto at = std::find(places.begin(), places.end(), std::pair{c, r});
-    const int id = at == places.end() ? -1 : board.first_id + static_cast<int>(at - places.begin());
-    const bool agrees = s.is_negative == out.is_negative &&
-                        std::any_of(s.guesses.begin(), s.guesses.end(),
-                                    [&](const auto& g) { return g.id == id && g.turn == out.turn; });
-    out.agreeing += agrees ? 1 : 0;
-    if (agrees || !s.is_clear) continue;
-    ++out.opposed;
-    if (c < 0 || r < 0 || c >= board.columns || r >= board.rows) ++out.beyond;
-  }
+  count_agreeing(squares, board, out);
   out.weight = best->second;
-  out.is_sure = out.weight >= kLeastWeight && rival <= kMostRival * out.weight &&
-                out.opposed <= kMostOpposed * out.agreeing &&
-                (out.beyond < kFewBeyond || out.beyond < kMostBeyond * out.agreeing) &&
+  out.is_sure = out.weight >= kLeastWeight && rival <= kMostRival * out.weight && is_uncontested(out) &&
                 out.agreeing >= kLeastShare * static_cast<double>(squares.size());
   return out;
 }

@@ -56,6 +56,12 @@ struct BoardPlacement {
   std::pair<int, int> corner_of(int c, int r) const;
 };
 
+/// Counts the squares that agree with a placement, and those that do not.
+void count_agreeing(const std::vector<ReadSquare>& squares, const Charuco& board, BoardPlacement& placement);
+
+/// Whether few enough of the squares are opposed.
+bool is_uncontested(const BoardPlacement& placement);
+
 /// The placement under a layout with which most squares agree.
 BoardPlacement place_on_board(const std::vector<ReadSquare>& squares, const Charuco& board, bool is_legacy);
 
