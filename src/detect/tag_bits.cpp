@@ -21,8 +21,9 @@ namespace {
 constexpr std::array<double, 3> kPlaces{0.27, 0.5, 0.73};
 /// A blur carries a share of each neighbour's light into a module; so much of the difference is given back.
 constexpr float kSharpen = 0.2F;
-constexpr double kMinContrast = 8;     ///< [grey levels] between the levels
-constexpr double kMostSlope = 0.6;     ///< of the contrast: from side to side of a border that is dark all around
+constexpr double kMinContrast = 8;  ///< [grey levels] between the levels
+constexpr double kMostSlope =
+    0.6;  ///< of the contrast: from side to side of a border that is dark all around
 constexpr double kBrightBorder = 0.1;  ///< share of the border's modules that may look white
 
 using Create = apriltag_family_t* (*)();
