@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <opencv2/aruco.hpp>
-#include <set>
 #include <string>
 #include <utility>
 
@@ -41,43 +39,6 @@ cv::Ptr<cv::aruco::Dictionary> dictionary_of(std::string_view name) {
   throw_invalid_argument("no ArUco dictionary is called '" + std::string(name) + "'");
 }
 
-/// Thresholding windows [px] of one look; a window should be wider than a marker's border and narrower than
-/// the marker.
-struct Look {
-  int window_min, window_max, window_step;
-  bool is_negative;
-};
-
-void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary, const Look& how,
-          int border_bits, std::vector<Marker>& markers) {
-  const auto parameters = cv::aruco::DetectorParameters::create();
-  parameters->adaptiveThreshWinSizeMin = how.window_min;
-  parameters->adaptiveThreshWinSizeMax = how.window_max;
-  parameters->adaptiveThreshWinSizeStep = how.window_step;
-  parameters->minMarkerPerimeterRate =
-      0.01;  // OpenCV's 0.03 of the width leaves out small boards in wide views
-  parameters->markerBorderBits = border_bits;
-  parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_NONE;
-  std::vector<std::vector<cv::Point2f>> corners;
-  std::vector<int> ids;
-  cv::Mat image = grey;
-  if (how.is_negative) cv::bitwise_not(grey, image);
-  try {
-    cv::aruco::detectMarkers(image, dictionary, corners, ids, parameters);
-  } catch (const cv::Exception&) {
-    return;  // asserts on degenerate candidates: nothing was found this way
-  }
-  std::set<int> known;
-  for (const Marker& m : markers) known.insert(m.id);
-  for (std::size_t i = 0; i < ids.size(); ++i) {
-    if (known.contains(ids[i]))
-      continue;  // the first look at a marker counts; doubles within one look are kept
-    Marker marker{ids[i], {}};
-    for (std::size_t k = 0; k < 4; ++k) marker.px[k] = Vec2(corners[i][k].x, corners[i][k].y);
-    markers.push_back(marker);
-  }
-}
-
 }  // namespace
 
 MarkerCodes marker_codes(std::string_view dictionary) {
@@ -100,22 +61,6 @@ MarkerCodes marker_codes(std::string_view dictionary) {
     out.code.push_back(code);
   }
   return out;
-}
-
-std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected,
-                               int border_bits) {
-  const auto markers_of = dictionary_of(dictionary);
-  const int widest = std::clamp(std::max(grey.cols, grey.rows) / 20, 33, 153) | 1;
-  const Look looks[] = {{3, 23, 10, false},
-                        {5, widest, std::max(14, widest / 5 * 2), false},
-                        {3, 23, 10, true},
-                        {5, widest, std::max(14, widest / 5 * 2), true}};
-  std::vector<Marker> markers;
-  for (const Look& how : looks) {
-    look(grey, markers_of, how, border_bits, markers);
-    if (2 * static_cast<int>(markers.size()) >= expected) break;
-  }
-  return markers;
 }
 
 }  // namespace plumbline::detail

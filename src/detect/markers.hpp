@@ -19,13 +19,6 @@ struct Marker {
   int border = 0;          ///< modules, where it was recognised
 };
 
-/// ArUco markers of OpenCV's dictionary ("4X4_50"), clockwise from the marker's own top left. `expected` is
-/// how many the boards have: when fewer than half of them are found, smaller and larger thresholding windows
-/// are tried, then the negative of the image (boards printed white on black). Unrefined corners, good to
-/// about a pixel. `border_bits`: width of the black border in modules.
-std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected,
-                               int border_bits = 1);
-
 /// The codes of an ArUco dictionary of OpenCV's, in the four turns in which a marker may be seen.
 struct MarkerCodes {
   int modules = 0;  ///< of a side, without the border
