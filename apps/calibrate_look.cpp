@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "calibrate_look.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <chrono>
+
+#include "plumbline/core/text.hpp"
+
+namespace plumbline::apps {
+namespace {
+
+constexpr int kMostCircleRounds = 3;
+constexpr double kCentresStandPx = 0.001;
+
+int n_added(const LookReport& report) {
+  int n = 0;
+  for (const LookCount& count : report.look.by_camera) n += count.corners;
+  return n;
+}
+
+int n_added_views(const LookReport& report) {
+  int n = 0;
+  for (const LookCount& count : report.look.by_camera) n += count.views;
+  return n;
+}
+
+/// Solves with the corners of `start`: as the first solve was made, so that the corners file that is written
+/// gives the same result again.
+Result<Calibration> solve(const Calibration& start, const RefineOptions& options, bool from_start,
+                          const Calibration& first) {
+  if (from_start) return refine(start, options);
+  RefineOptions same = options;
+  same.lenses.clear();
+  for (const Camera& camera : first.rig.cameras) same.lenses.push_back(lens_spec(camera.lens));
+  auto done = calibrate(start.data, same);
+  if (!done) return done;
+  done->provenance.lens_tries = first.provenance.lens_tries;
+  if (const auto choice = first.provenance.options.find("lens_choice");
+      choice != first.provenance.options.end())
+    done->provenance.options.insert(*choice);
+  return done;
+}
+
+/// Centres of circles by the first calibration make a second, whose centres make a third.
+Result<Calibration> settle_circles(const RefineOptions& options, LookReport& report) {
+  RefineOptions between = options;
+  between.lenses = {"opencv5"};  // not read: the lenses are those of the start
+  Calibration work = report.look.start;
+  for (report.circle_rounds = 1; report.circle_rounds <= kMostCircleRounds; ++report.circle_rounds) {
+    auto solved = refine(work, between);
+    if (!solved) return solved;
+    work = *std::move(solved);
+    const CircleCorrection correction = correct_circles(report.look, work);
+    report.largest_bias_px = correction.largest_px;
+    if (correction.moved_px < kCentresStandPx) break;
+  }
+  report.circle_rounds = std::min(report.circle_rounds, kMostCircleRounds);
+  return work;
+}
+
+struct AddedFit {
+  int used = 0, outliers = 0;
+  double rms_px = 0;
+};
+
+/// What became of the corners that the second look added, in all cameras or in one.
+AddedFit fit_of_added(const LookReport& report, const Calibration& cal) {
+  AddedFit out;
+  double sum = 0;
+  for (std::size_t v = 0; v < cal.data.views.size() && v < report.first.views.size(); ++v) {
+    if (!cal.view_reason[v].empty() || cal.fits[v].size() != cal.data.views[v].corners.size()) continue;
+    const std::vector<Corner>& before = report.first.views[v].corners;
+    for (std::size_t i = 0; i < cal.fits[v].size(); ++i) {
+      const int point = cal.data.views[v].corners[i].point;
+      if (std::any_of(before.begin(), before.end(), [&](const Corner& c) { return c.point == point; }))
+        continue;
+      ++(cal.fits[v][i].outlier ? out.outliers : out.used);
+      if (!cal.fits[v][i].outlier) sum += cal.fits[v][i].residual_px.squaredNorm();
+    }
+  }
+  out.rms_px = out.used > 0 ? std::sqrt(sum / out.used) : 0;
+  return out;
+}
+
+std::string counts(int corners, int views) {
+  return fmt::format("{} {}, {} {} without any before", corners, corners == 1 ? "corner" : "corners", views,
+                     views == 1 ? "view" : "views");
+}
+
+}  // namespace
+
+bool can_look_again(const CalibrateInputs& inputs, bool has_earlier) {
+  return inputs.corners.empty() && !inputs.cams.empty() && !has_earlier;
+}
+
+Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOptions& options,
+                                  bool from_start, const Common& common, Calibration& calibration) {
+  const auto begin = std::chrono::steady_clock::now();
+  auto images = find_images(inputs.cams, inputs.pair_by == "order");
+  if (!images) return images.error();
+  Progress progress("looking again", common);
+  SecondLookOptions look_options;
+  look_options.n_threads = common.n_threads;
+  look_options.progress = [&](int done, int all) { progress(done, all); };
+  auto look = look_again(*images, calibration, look_options);
+  if (!look) return look.error();
+  LookReport report;
+  report.look = *std::move(look);
+  report.first = calibration.data;
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  const bool has_circles = !report.look.circles.empty();
+  if (n_added(report) == 0 && !has_circles) return report;
+
+  auto start = has_circles ? settle_circles(options, report) : Result<Calibration>(report.look.start);
+  if (start) start = solve(*start, options, from_start, calibration);
+  if (!start) {
+    report.note = start.error().text();
+    return report;
+  }
+  start->provenance.options["second_look"] = counts(n_added(report), n_added_views(report));
+  if (n_added(report) > 0)
+    start->data.detector += "; second look: " + counts(n_added(report), n_added_views(report));
+  calibration = *std::move(start);
+  return report;
+}
+
+void add_look(const LookReport& report, const Calibration& cal, Json& json) {
+  const AddedFit fit = fit_of_added(report, cal);
+  Json by_camera = Json::array();
+  for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
+    const LookCount& count = report.look.by_camera[cam];
+    by_camera.push_back({{"camera", cal.data.cameras[cam].name},
+                         {"added_corners", count.corners},
+                         {"added_views", count.views}});
+  }
+  json["second_look"] = {{"images_read", report.look.n_images},
+                         {"added_corners", n_added(report)},
+                         {"added_views", n_added_views(report)},
+                         {"outliers", fit.outliers},
+                         {"rms_px", fit.used > 0 ? Json(fit.rms_px) : Json(nullptr)},
+                         {"cameras", by_camera},
+                         {"reason", report.note.empty() ? Json(nullptr) : Json(report.note)}};
+  if (report.circle_rounds == 0) return;
+  Json diameters = Json::array();
+  for (const double d : report.look.diameter_m) diameters.push_back(d > 0 ? Json(d) : Json(nullptr));
+  json["circle_bias"] = {
+      {"rounds", report.circle_rounds}, {"largest_px", report.largest_bias_px}, {"diameter_m", diameters}};
+}
+
+std::string text_of_look(const LookReport& report, const Calibration& cal) {
+  std::string text;
+  if (n_added(report) > 0) {
+    std::vector<std::string> parts;
+    for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
+      const LookCount& count = report.look.by_camera[cam];
+      if (count.corners > 0)
+        parts.push_back(cal.data.cameras[cam].name + ": " + counts(count.corners, count.views));
+    }
+    const AddedFit fit = fit_of_added(report, cal);
+    text += fmt::format("second look added {}; their rms {:.4f} px, {} outliers\n", join(parts, "; "),
+                        fit.rms_px, fit.outliers);
+  } else if (report.look.n_images > 0) {
+    text += fmt::format("second look: nothing new in {} {}\n", report.look.n_images,
+                        report.look.n_images == 1 ? "image" : "images");
+  }
+  if (!report.note.empty())
+    text += "second look: what it added was left out again, the solve failed: " + report.note + "\n";
+  if (report.circle_rounds > 0) {
+    text += fmt::format(
+        "circles: the bias of their centres, up to {:.4f} px, was taken out in {} {}; diameter",
+        report.largest_bias_px, report.circle_rounds, report.circle_rounds == 1 ? "round" : "rounds");
+    for (const double d : report.look.diameter_m)
+      if (d > 0) text += fmt::format(" {:.3f} mm", 1e3 * d);
+    text += " as seen\n";
+  }
+  return text;
+}
+
+}  // namespace plumbline::apps
