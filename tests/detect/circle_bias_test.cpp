@@ -86,73 +86,65 @@ TEST(DiscImage, OutsideOfTheLensIsNone) {
   EXPECT_FALSE(disc_image(lens, tilted(0, 80, Vec3(0, 0, 0.01)), Vec3(0, 0, 0), 0.04));
 }
 
-/// Every disc of rendered grids fitted from half a pixel and 5 % of its size beside the truth.
+/// Every disc of a rendered grid fitted from half a pixel and 5 % of its size beside the truth.
 struct Ratio {
-  double square = 0, ratio = 0;
-  Vec2 sum = Vec2::Zero();
+  double rms = 0, ratio = 0;
+  Vec2 mean = Vec2::Zero();
   int n = 0, missed = 0;
 };
 
-Ratio ratios(const std::string& lens_name, double fov_deg, double spacing_px, double noise, double blur) {
+Ratio ratios(const Lens& lens, const CameraRays& rays, double spacing_px, double noise, double blur) {
   const Circles board{9, 7, 0.02};
   const Target target = *make_target(board);
-  const auto drawings = *draw_target(target);
-  const ImageSize size{800, 640};
-  const Lens lens = *simulated_lens(lens_name, fov_deg, size, true, 5);
-  const CameraRays rays = camera_rays(lens, size, 1);
+  const double distance = params(lens)[0] * board.spacing_m / spacing_px;
+  const Mat3 R = tilted(20, 25, Vec3::Zero()).R();
+  const SE3 T(R, Vec3(0.1 * distance, 0, distance) - R * Vec3(0.08, 0.06, 0));
+  RenderOptions how;
+  how.blur_sigma_px = blur, how.noise_grey = noise, how.vignetting = 0.3, how.seed = 11;
+  const cv::Mat image = render(*draw_target(target), rays, T, how);
   Ratio out;
   Rng rng(7);
-  for (int k = 0; k < 2; ++k) {
-    const double distance = params(lens)[0] * board.spacing_m / spacing_px;
-    const Mat3 R = tilted(20 - 50 * k, 25, Vec3::Zero()).R();
-    const SE3 T(R, Vec3(0.1 * distance, 0, distance) - R * Vec3(0.08, 0.06, 0));
-    RenderOptions how;
-    how.blur_sigma_px = blur, how.noise_grey = noise, how.vignetting = 0.3, how.seed = 11 + k;
-    const cv::Mat image = render(drawings, rays, T, how);
-    for (const Vec3& at : target.points) {
-      const auto truth = disc_image(lens, T, at, 0.01);
-      if (!truth) continue;
-      const auto px = [&](double x, double y) { return project(lens, T * (at + 0.002 * Vec3(x, y, 0))); };
-      detail::DiscWindow w{truth->centroid_px + Vec2(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5))};
-      w.J << (*px(1, 0) - *px(-1, 0)) / 0.004, (*px(0, 1) - *px(0, -1)) / 0.004;
-      w.radius = 0.005 * rng.uniform(0.95, 1.05);
-      w.reach_px = 0.005 * detail::least_stretch(w.J);
-      if (Vec2 c = truth->centroid_px; c.x() < 20 || c.y() < 20 || c.x() > 780 || c.y() > 620) continue;
-      const auto fit = detail::fit_disc(image, w, std::max(noise, 0.29));
-      if (!fit) {
-        ++out.missed;
-        continue;
-      }
-      const Vec2 e = fit->centroid - truth->centroid_px;
-      out.square += e.squaredNorm() / 2;
-      out.sum += e;
-      out.ratio += e.squaredNorm() / (2 * fit->sigma_px * fit->sigma_px);
-      ++out.n;
+  for (const Vec3& at : target.points) {
+    const auto truth = disc_image(lens, T, at, 0.01);
+    const auto px = [&](double x, double y) { return project(lens, T * (at + 0.002 * Vec3(x, y, 0))); };
+    detail::DiscWindow w{truth->centroid_px + Vec2(rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5)), {}};
+    w.J << (*px(1, 0) - *px(-1, 0)) / 0.004, (*px(0, 1) - *px(0, -1)) / 0.004;
+    w.radius = 0.005 * rng.uniform(0.95, 1.05);
+    w.reach_px = 0.005 * detail::least_stretch(w.J);
+    const auto fit = detail::fit_disc(image, w, std::max(noise, 0.29));
+    if (!fit) {
+      ++out.missed;
+      continue;
     }
+    const Vec2 e = fit->centroid - truth->centroid_px;
+    out.rms += e.squaredNorm() / 2;
+    out.mean += e;
+    out.ratio += e.squaredNorm() / (2 * fit->sigma_px * fit->sigma_px);
+    ++out.n;
   }
-  out.square = std::sqrt(out.square / out.n);
+  out.rms = std::sqrt(out.rms / out.n);
   out.ratio = std::sqrt(out.ratio / out.n);
-  out.sum /= out.n;
+  out.mean /= out.n;
   return out;
 }
 
-// The measure is what disc_image() says that it is, and sigma is its error: some 200 coordinates give the
-// ratio to 5 %.
+// The measure is what disc_image() says that it is, and sigma is its error: 126 coordinates give the ratio to
+// 6 %. The mean error is nought to within 3 of its own deviations and a thousandth of a pixel.
 TEST(DiscFit, CentroidIsUnbiasedAndSigmaIsItsError) {
-  for (const auto& [lens, fov] : {std::pair{"opencv5", 70.0}, {"kb4", 150.0}}) {
+  const ImageSize size{800, 640};
+  for (const auto& [name, fov] : {std::pair{"opencv5", 70.0}, {"kb4", 150.0}}) {
+    const Lens lens = *simulated_lens(name, fov, size, true, 5);
+    const CameraRays rays = camera_rays(lens, size, 1);
     for (const double spacing_px : {20.0, 45.0}) {
-      for (const auto& [noise, blur] : {std::pair{0.0, 0.7}, {2.0, 0.7}, {8.0, 1.2}}) {
-        const Ratio r = ratios(lens, fov, spacing_px, noise, blur);
+      for (const auto& [noise, blur] : {std::pair{1.0, 0.7}, {8.0, 1.2}}) {
+        const Ratio r = ratios(lens, rays, spacing_px, noise, blur);
         if (std::getenv("PLUMBLINE_VERBOSE") != nullptr)
-          fmt::print(
-              "{} {} px, noise {} blur {}: {} discs, {} missed, rms {:.4f}, bias {:.4f} {:.4f}, error / "
-              "sigma {:.2f}\n",
-              lens, spacing_px, noise, blur, r.n, r.missed, r.square, r.sum.x(), r.sum.y(), r.ratio);
+          fmt::print("{} {} px, noise {}: {} discs, rms {:.4f}, mean {:.4f} {:.4f}, error / sigma {:.2f}\n",
+                     name, spacing_px, noise, r.n, r.rms, r.mean.x(), r.mean.y(), r.ratio);
         EXPECT_EQ(r.missed, 0);
-        EXPECT_GT(r.n, 60);
         EXPECT_GT(r.ratio, 0.8);
         EXPECT_LT(r.ratio, 1.25);
-        EXPECT_LT(r.sum.cwiseAbs().maxCoeff(), 0.002 + 3 * r.square / std::sqrt(r.n));
+        EXPECT_LT(r.mean.cwiseAbs().maxCoeff(), 0.001 + 3 * r.rms / std::sqrt(r.n));
       }
     }
   }
