@@ -11,9 +11,6 @@
 namespace plumbline::apps {
 namespace {
 
-constexpr int kMostCircleRounds = 3;
-constexpr double kCentresStandPx = 0.001;
-
 int n_added(const LookReport& report) {
   int n = 0;
   for (const LookCount& count : report.look.by_camera) n += count.corners;
@@ -43,21 +40,17 @@ Result<Calibration> solve(const Calibration& start, const RefineOptions& options
   return done;
 }
 
-/// Centres of circles by the first calibration make a second, whose centres make a third.
-Result<Calibration> settle_circles(const RefineOptions& options, LookReport& report) {
+/// The start of the last solve: with circles, when their centres stand.
+Result<Calibration> last_start(const RefineOptions& options, LookReport& report) {
+  if (report.look.circles.empty()) return report.look.start;
   RefineOptions between = options;
   between.lenses = {"opencv5"};  // not read: the lenses are those of the start
-  Calibration work = report.look.start;
-  for (report.circle_rounds = 1; report.circle_rounds <= kMostCircleRounds; ++report.circle_rounds) {
-    auto solved = refine(work, between);
-    if (!solved) return solved;
-    work = *std::move(solved);
-    const CircleCorrection correction = correct_circles(report.look, work);
-    report.largest_bias_px = correction.largest_px;
-    if (correction.moved_px < kCentresStandPx) break;
-  }
-  report.circle_rounds = std::min(report.circle_rounds, kMostCircleRounds);
-  return work;
+  auto settled =
+      settle_circles(report.look, [&](const Calibration& start) { return refine(start, between); });
+  if (!settled) return settled.error();
+  report.circle_rounds = settled->rounds;
+  report.largest_bias_px = settled->last.largest_px;
+  return std::move(settled->calibration);
 }
 
 struct AddedFit {
@@ -110,10 +103,8 @@ Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOpt
   report.look = *std::move(look);
   report.first = calibration.data;
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  const bool has_circles = !report.look.circles.empty();
-  if (n_added(report) == 0 && !has_circles) return report;
-
-  auto start = has_circles ? settle_circles(options, report) : Result<Calibration>(report.look.start);
+  if (n_added(report) == 0 && report.look.circles.empty()) return report;
+  auto start = last_start(options, report);
   if (start) start = solve(*start, options, from_start, calibration);
   if (!start) {
     report.note = start.error().text();

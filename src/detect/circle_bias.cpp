@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "detect/outline.hpp"
 #include "plumbline/core/check.hpp"
 
 namespace plumbline {
@@ -15,8 +16,7 @@ std::optional<DiscImage> disc_image(const Lens& lens, const SE3& T_cam_board, co
   const auto centre = project(lens, T_cam_board * centre_board);
   if (!centre) return std::nullopt;
   const Mat3 R = T_cam_board.R();
-  double area = 0;
-  Vec2 moment = Vec2::Zero();
+  detail::OutlineSum sum(kPoints);
   for (int i = 0; i < kPoints; ++i) {
     const double angle = 2 * std::numbers::pi * i / kPoints, radius = diameter_m / 2;
     const Vec3 out = radius * Vec3(std::cos(angle), std::sin(angle), 0);
@@ -24,15 +24,10 @@ std::optional<DiscImage> disc_image(const Lens& lens, const SE3& T_cam_board, co
     Mat23 J;
     const auto px = project(lens, T_cam_board * (centre_board + out), &J);
     if (!px) return std::nullopt;
-    const Vec2 p = *px - *centre;  // from there, so that no digits are lost
-    const Vec2 d = J * (R * along);
-    area += (p.x() * d.y() - p.y() * d.x()) / 2;
-    moment += Vec2(p.x() * p.x() * d.y(), -p.y() * p.y() * d.x()) / 2;
+    sum.add(*px - *centre, J * (R * along));  // from the centre, so that no digits are lost
   }
-  // The board seen from behind turns the outline the other way round, which changes both signs.
-  if (!(std::abs(area) > 0)) return std::nullopt;
-  const double step = 2 * std::numbers::pi / kPoints;
-  return DiscImage{*centre + moment / area, *centre, std::abs(area) * step};
+  if (!(std::abs(sum.area()) > 0)) return std::nullopt;
+  return DiscImage{*centre + sum.centroid(), *centre, std::abs(sum.area())};
 }
 
 }  // namespace plumbline

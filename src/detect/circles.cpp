@@ -11,8 +11,10 @@
 #include "detect/disc_fit.hpp"
 #include "detect/finders.hpp"
 #include "detect/lattice_order.hpp"
+#include "detect/outline.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
+#include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
 namespace {
@@ -109,14 +111,60 @@ double misfit(const Circles& board, const std::vector<Vec2>& px) {
   return worst;
 }
 
-/// Where the centre of a circle of radius `radius` at the plane's origin is, relative to the centroid of its
-/// image: a perspective view maps the circle to an ellipse about another point (Heikkila 2000, section 2.2),
-/// the pole of the line at infinity by the dual conic H diag(r^2, r^2, -1) H'. What a lens adds is known only
-/// after a calibration (circle_bias.hpp).
-Vec2 perspective_shift(const Mat3& H, double radius) {
-  const Mat3 dual = H * Vec3(radius * radius, radius * radius, -1).asDiagonal() * H.transpose();
-  const Vec2 ellipse_centre = dual.col(2).head<2>() / dual(2, 2);
-  return Vec2(H.col(2).hnormalized()) - ellipse_centre;
+/// The image of the board around circle i: the plane of its neighbours, and a quadratic for what that leaves,
+/// since a lens is no homography. Neighbours within two steps, or more where that is less than a dozen.
+struct LocalMap {
+  Mat3 H;
+  Eigen::Matrix<double, 2, 6> q = Eigen::Matrix<double, 2, 6>::Zero();  ///< of 1, x, y, x^2, xy, y^2
+};
+
+std::optional<LocalMap> local_map(const Circles& board, const std::vector<Vec2>& px, int i) {
+  const Vec2 centre = board_point(board, i);
+  std::vector<Vec2> from, to;
+  for (double reach = 2; reach < 5 && from.size() < 12; ++reach) {
+    from.clear(), to.clear();
+    for (std::size_t k = 0; k < px.size(); ++k) {
+      const Vec2 p = board_point(board, static_cast<int>(k)) - centre;
+      if (p.lpNorm<Eigen::Infinity>() <= reach) from.push_back(p), to.push_back(px[k]);
+    }
+  }
+  const auto H = fit_plane(from, to);
+  if (!H) return std::nullopt;
+  LocalMap out{*H};
+  const int n = static_cast<int>(from.size());
+  if (n < 9) return out;
+  MatX A(n, 6), rest(n, 2);
+  for (int k = 0; k < n; ++k) {
+    const Vec2& p = from[k];
+    A.row(k) << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    rest.row(k) = (to[k] - map_point(*H, p).value_or(to[k])).transpose();
+  }
+  for (int axis = 0; axis < 2; ++axis) {
+    if (const auto x = solve_least_squares(A, rest.col(axis))) out.q.row(axis) = x->transpose();
+  }
+  return out;
+}
+
+/// Where the centre of a circle is, relative to the centroid of its image: a perspective view maps the circle
+/// to an ellipse about another point (Heikkila 2000, section 2.2), and a lens adds to that. After a
+/// calibration circle_bias.hpp knows it better.
+Vec2 centre_shift(const LocalMap& map, double radius) {
+  constexpr int kPoints = 24;
+  const auto at = [&](const Vec2& p) {
+    Eigen::Matrix<double, 6, 1> terms;
+    terms << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    return Vec2(map_point(map.H, p).value_or(Vec2::Zero()) + map.q * terms);
+  };
+  const Vec2 centre = at(Vec2::Zero());
+  OutlineSum sum(kPoints);
+  for (int i = 0; i < kPoints; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kPoints;
+    const Vec2 p = radius * Vec2(std::cos(angle), std::sin(angle)), t(-p.y(), p.x());
+    Eigen::Matrix<double, 6, 1> d;
+    d << 0, t.x(), t.y(), 2 * p.x() * t.x(), p.x() * t.y() + p.y() * t.x(), 2 * p.y() * t.y();
+    sum.add(at(p) - centre, map_jacobian(map.H, p) * t + map.q * d);
+  }
+  return -sum.centroid();
 }
 
 double median(std::vector<double> v) {
@@ -129,8 +177,8 @@ double radius_of(double area_px2, const Mat2& J) {
   return std::sqrt(area_px2 / (std::numbers::pi * std::abs(J.determinant())));
 }
 
-/// Centroids of the numbered circles, corrected for perspective. `coarse_px`: what the finder's own centres
-/// are good to, for those that have no clear outline.
+/// Centroids of the numbered circles, with what makes centres of them. `coarse_px`: what the finder's own
+/// centres are good to, for those that have no clear outline.
 std::vector<Corner> measure(const cv::Mat& grey, const Circles& board, std::vector<Vec2> px,
                             double coarse_px) {
   const double noise = noise_level(grey, bounding_box(px, grey));
@@ -160,8 +208,8 @@ std::vector<Corner> measure(const cv::Mat& grey, const Circles& board, std::vect
   radius = median(radii);
   std::vector<Corner> out;
   for (int i = 0; i < n; ++i) {
-    const auto H = fits[i] ? local_plane(board, px, i, 2) : std::nullopt;
-    const Vec2 shift = H ? perspective_shift(*H, radius) : Vec2::Zero();
+    const auto map = fits[i] && radius > 0 ? local_map(board, px, i) : std::nullopt;
+    const Vec2 shift = map ? centre_shift(*map, radius) : Vec2::Zero();
     out.push_back({i, px[i] + shift, fits[i] ? fits[i]->sigma_px : coarse_px});
   }
   return out;

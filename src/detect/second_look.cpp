@@ -333,27 +333,4 @@ Result<SecondLook> look_again(const std::vector<CameraImages>& cameras, const Ca
   return Looker(cameras, calibration, options).run();
 }
 
-CircleCorrection correct_circles(const SecondLook& look, Calibration& cal) {
-  CircleCorrection out;
-  for (const CircleCentroids& centroids : look.circles) {
-    View& view = cal.data.views[centroids.view];
-    PLUMBLINE_CHECK(view.corners.size() == centroids.px.size(), "the corners are those of the second look");
-    const auto T_rig_board = board_pose(cal, view);
-    if (!T_rig_board) continue;
-    const SE3 T = cal.rig.T_cam_rig[view.cam] * *T_rig_board;
-    for (std::size_t i = 0; i < view.corners.size(); ++i) {
-      Corner& corner = view.corners[i];
-      const auto image =
-          disc_image(cal.rig.cameras[view.cam].lens, T, board_point(cal, view.target, corner.point),
-                     look.diameter_m[view.target]);
-      if (!image) continue;
-      const Vec2 centre = centroids.px[i] - image->bias_px();
-      out.largest_px = std::max(out.largest_px, image->bias_px().norm());
-      out.moved_px = std::max(out.moved_px, (centre - corner.px).norm());
-      corner.px = centre;
-    }
-  }
-  return out;
-}
-
 }  // namespace plumbline

@@ -58,7 +58,7 @@ struct Gain {
   Row centroid, first, second;
 };
 
-/// Centroids as blob finders give them; centres by the local plane, as the first look does; and after the
+/// Centroids as blob finders give them; centres by the local map, as the first look does; and after the
 /// second look.
 Gain gain(const std::string& lens, double fov_deg, const Circles& board, int n_views, ImageSize size,
           double noise) {
@@ -87,14 +87,11 @@ Gain gain(const std::string& lens, double fov_deg, const Circles& board, int n_v
   }
   out.centroid = row_of(scene, centroids, *calibrate(centroids, how));
 
-  Calibration work = look->start;
-  int rounds = 0;
-  for (double moved = 1; moved > 0.001 && rounds < 5; ++rounds) {
-    work = *refine(work, how);
-    moved = correct_circles(*look, work).moved_px;
-  }
-  out.second = row_of(scene, work.data, *refine(work, how));
-  out.second.rounds = rounds;
+  const auto settled = settle_circles(*look, [&](const Calibration& start) { return refine(start, how); });
+  EXPECT_TRUE(settled) << settled.error().text();
+  const Calibration& last = settled->calibration;
+  out.second = row_of(scene, last.data, *refine(last, how));
+  out.second.rounds = settled->rounds;
   EXPECT_NEAR(look->diameter_m[0],
               board.diameter_m > 0 ? board.diameter_m : board.spacing_m * (board.asymmetric ? 0.8 : 0.5),
               0.005 * board.spacing_m);
@@ -132,7 +129,7 @@ TEST(CircleBias, DISABLED_GainTable) {
                    100 * r.focal, r.centre_px, r.projection_px, r.rms_px);
       };
       print("centroids", g.centroid);
-      print("local plane", g.first);
+      print("first look", g.first);
       print(fmt::format("second look ({} solved)", g.second.rounds).c_str(), g.second);
     }
   }

@@ -19,11 +19,10 @@ struct DiscImage {
   Vec2 bias_px() const { return centroid_px - centre_px; }
 };
 
-/// The image of the circle of `diameter_m` about `centre_board`, parallel to the board's plane z = 0. Area
-/// and centroid are integrals along the outline (Green's theorem, A = 1/2 oint x dy - y dx), whose points and
-/// tangents the lens gives; the sum over equal steps of the angle converges faster than any power of the step
-/// (Trefethen & Weideman 2014), so that 48 points leave less than 1e-6 px. nullopt where the lens does not
-/// show the whole outline. \pre diameter_m > 0
+/// The image of the circle of `diameter_m` about `centre_board`, parallel to the board's plane z = 0:
+/// integrals along the outline (Green's theorem), whose points and tangents the lens gives, over 48 equal
+/// steps of the angle, which leaves less than 1e-6 px. nullopt where the lens does not show the whole
+/// outline. \pre diameter_m > 0
 std::optional<DiscImage> disc_image(const Lens& lens, const SE3& T_cam_board, const Vec3& centre_board,
                                     double diameter_m);
 

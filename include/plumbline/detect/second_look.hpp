@@ -11,7 +11,7 @@
 /// The images once more, now that a first calibration knows the lenses and where the boards stood: corners
 /// that the search missed, boards that it did not find, and centres of circles without their bias.
 /// detect_dataset() -> calibrate() -> look_again() -> calibrate() again with look.start.data; where there are
-/// circles, correct_circles() and refine() until the centres stand.
+/// circles, settle_circles() with refine() before that.
 namespace plumbline {
 
 struct SecondLookOptions {
@@ -68,5 +68,18 @@ struct CircleCorrection {
   double moved_px = 0;    ///< largest move of a corner against what it was: small when the centres stand
 };
 CircleCorrection correct_circles(const SecondLook& look, Calibration& calibration);
+
+/// Centres make a calibration and that makes better centres: solve and correct_circles() in turn until no
+/// corner moves by a thousandth of a pixel, three times at most.
+struct SettledCircles {
+  Calibration calibration;  ///< the last one solved, with the centres that it gave: what to solve finally
+  int rounds = 0;           ///< solves
+  CircleCorrection last;
+};
+/// \param solve  refine() with the caller's options. Its failure is this function's
+/// Moves that do not halve from round to round are not taken: there a lens with many parameters bends to
+/// single circles and they to it.
+Result<SettledCircles> settle_circles(const SecondLook& look,
+                                      const std::function<Result<Calibration>(const Calibration&)>& solve);
 
 }  // namespace plumbline
