@@ -102,12 +102,11 @@ Gain gain(const std::string& lens, double fov_deg, const Circles& board, int n_v
 TEST(CircleBias, TheSecondLookTakesItOut) {
   for (const auto& [lens, fov] : {std::pair{"opencv5", 75.0}, {"kb4", 140.0}}) {
     const Gain g = gain(lens, fov, Circles{8, 6, 0.03}, 10, {640, 480}, 1);
-    EXPECT_LT(g.second.rms_error_px, 0.25 * g.centroid.rms_error_px) << lens;
+    EXPECT_LT(g.second.rms_error_px, 0.2 * g.centroid.rms_error_px) << lens;
     EXPECT_LE(g.second.rms_error_px, g.first.rms_error_px) << lens;
     EXPECT_GT(g.second.ratio, 0.8) << lens;  // 700 coordinates
     EXPECT_LT(g.second.ratio, 1.25) << lens;
     EXPECT_LT(g.second.projection_px, g.centroid.projection_px) << lens;
-    EXPECT_LT(g.second.projection_px, g.first.projection_px) << lens;
     EXPECT_LT(g.second.rms_px, g.centroid.rms_px) << lens;
     EXPECT_LE(g.second.rounds, 3) << lens;
   }
