@@ -7,6 +7,8 @@
 #include <chrono>
 
 #include "plumbline/core/text.hpp"
+#include "plumbline/io/formats.hpp"
+#include "plumbline/refine/start.hpp"
 
 namespace plumbline::apps {
 namespace {
@@ -78,11 +80,89 @@ AddedFit fit_of_added(const LookReport& report, const Calibration& cal) {
 }
 
 std::string counts(int corners, int views) {
-  return fmt::format("{} {}, {} {} without any before", corners, corners == 1 ? "corner" : "corners", views,
-                     views == 1 ? "view" : "views");
+  std::string text = fmt::format("{} {}", corners, corners == 1 ? "corner" : "corners");
+  if (views > 0) text += fmt::format(", {} {} that had none", views, views == 1 ? "view" : "views");
+  return text;
+}
+
+Result<LookReport> look(const std::vector<CameraImages>& images, const Calibration& calibration,
+                        const Common& common) {
+  Progress progress("looking again", common);
+  SecondLookOptions options;
+  options.n_threads = common.n_threads;
+  options.progress = [&](int done, int all) { progress(done, all); };
+  auto looked = look_again(images, calibration, options);
+  if (!looked) return looked.error();
+  LookReport report;
+  report.look = *std::move(looked);
+  report.first = calibration.data;
+  return report;
+}
+
+Json json_of_counts(const LookReport& report, const Dataset& data) {
+  Json by_camera = Json::array();
+  for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
+    const LookCount& count = report.look.by_camera[cam];
+    by_camera.push_back(
+        {{"camera", data.cameras[cam].name}, {"added_corners", count.corners}, {"added_views", count.views}});
+  }
+  return {{"images_read", report.look.n_images},
+          {"added_corners", n_added(report)},
+          {"added_views", n_added_views(report)},
+          {"cameras", by_camera}};
+}
+
+std::string text_of_counts(const LookReport& report, const Dataset& data) {
+  if (n_added(report) == 0) {
+    return fmt::format("second look: nothing new in {} {}", report.look.n_images,
+                       report.look.n_images == 1 ? "image" : "images");
+  }
+  std::vector<std::string> parts;
+  for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
+    const LookCount& count = report.look.by_camera[cam];
+    if (count.corners > 0)
+      parts.push_back(data.cameras[cam].name + ": " + counts(count.corners, count.views));
+  }
+  return "second look added " + join(parts, "; ");
+}
+
+/// The remark and the option that tell readers of the files.
+void note_look(const LookReport& report, Dataset& data) {
+  if (n_added(report) > 0)
+    data.detector += "; second look: " + counts(n_added(report), n_added_views(report));
 }
 
 }  // namespace
+
+Result<LookReport> look_with(const std::string& file, const std::vector<CameraImages>& images,
+                             const Common& common, Dataset& data) {
+  auto rig = load_rig({file});
+  if (!rig) return rig.error();
+  StartFrom from;
+  from.places_known = poses_known(*rig);
+  from.n_threads = common.n_threads;
+  auto start = start_from(data, *rig, from);
+  if (!start) return start.error();
+  RefineOptions options;
+  options.fixed = {"lens"};
+  if (data.cameras.size() > 1) options.fixed.push_back("rig");
+  options.n_threads = common.n_threads;
+  auto posed = refine(*start, options);
+  if (!posed) return posed.error();
+  auto report = look(images, *posed, common);
+  if (!report) return report;
+  data = report->look.start.data;
+  note_look(*report, data);
+  return report;
+}
+
+void add_look(const LookReport& report, const Dataset& data, Json& json) {
+  json["second_look"] = json_of_counts(report, data);
+}
+
+std::string text_of_look(const LookReport& report, const Dataset& data) {
+  return text_of_counts(report, data) + "\n";
+}
 
 bool can_look_again(const CalibrateInputs& inputs, bool has_earlier) {
   return inputs.corners.empty() && !inputs.cams.empty() && !has_earlier;
@@ -93,15 +173,9 @@ Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOpt
   const auto begin = std::chrono::steady_clock::now();
   auto images = find_images(inputs.cams, inputs.pair_by == "order");
   if (!images) return images.error();
-  Progress progress("looking again", common);
-  SecondLookOptions look_options;
-  look_options.n_threads = common.n_threads;
-  look_options.progress = [&](int done, int all) { progress(done, all); };
-  auto look = look_again(*images, calibration, look_options);
-  if (!look) return look.error();
-  LookReport report;
-  report.look = *std::move(look);
-  report.first = calibration.data;
+  auto looked = look(*images, calibration, common);
+  if (!looked) return looked;
+  LookReport report = *std::move(looked);
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   if (n_added(report) == 0 && report.look.circles.empty()) return report;
   auto start = last_start(options, report);
@@ -111,28 +185,18 @@ Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOpt
     return report;
   }
   start->provenance.options["second_look"] = counts(n_added(report), n_added_views(report));
-  if (n_added(report) > 0)
-    start->data.detector += "; second look: " + counts(n_added(report), n_added_views(report));
+  note_look(report, start->data);
   calibration = *std::move(start);
   return report;
 }
 
 void add_look(const LookReport& report, const Calibration& cal, Json& json) {
   const AddedFit fit = fit_of_added(report, cal);
-  Json by_camera = Json::array();
-  for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
-    const LookCount& count = report.look.by_camera[cam];
-    by_camera.push_back({{"camera", cal.data.cameras[cam].name},
-                         {"added_corners", count.corners},
-                         {"added_views", count.views}});
-  }
-  json["second_look"] = {{"images_read", report.look.n_images},
-                         {"added_corners", n_added(report)},
-                         {"added_views", n_added_views(report)},
-                         {"outliers", fit.outliers},
-                         {"rms_px", fit.used > 0 ? Json(fit.rms_px) : Json(nullptr)},
-                         {"cameras", by_camera},
-                         {"reason", report.note.empty() ? Json(nullptr) : Json(report.note)}};
+  Json look = json_of_counts(report, cal.data);
+  look["outliers"] = fit.outliers;
+  look["rms_px"] = fit.used > 0 ? Json(fit.rms_px) : Json(nullptr);
+  look["reason"] = report.note.empty() ? Json(nullptr) : Json(report.note);
+  json["second_look"] = look;
   if (report.circle_rounds == 0) return;
   Json diameters = Json::array();
   for (const double d : report.look.diameter_m) diameters.push_back(d > 0 ? Json(d) : Json(nullptr));
@@ -141,21 +205,12 @@ void add_look(const LookReport& report, const Calibration& cal, Json& json) {
 }
 
 std::string text_of_look(const LookReport& report, const Calibration& cal) {
-  std::string text;
+  std::string text = text_of_counts(report, cal.data);
   if (n_added(report) > 0) {
-    std::vector<std::string> parts;
-    for (std::size_t cam = 0; cam < report.look.by_camera.size(); ++cam) {
-      const LookCount& count = report.look.by_camera[cam];
-      if (count.corners > 0)
-        parts.push_back(cal.data.cameras[cam].name + ": " + counts(count.corners, count.views));
-    }
     const AddedFit fit = fit_of_added(report, cal);
-    text += fmt::format("second look added {}; their rms {:.4f} px, {} outliers\n", join(parts, "; "),
-                        fit.rms_px, fit.outliers);
-  } else if (report.look.n_images > 0) {
-    text += fmt::format("second look: nothing new in {} {}\n", report.look.n_images,
-                        report.look.n_images == 1 ? "image" : "images");
+    text += fmt::format("; their rms {:.4f} px, {} outliers", fit.rms_px, fit.outliers);
   }
+  text += "\n";
   if (!report.note.empty())
     text += "second look: what it added was left out again, the solve failed: " + report.note + "\n";
   if (report.circle_rounds > 0) {

@@ -29,6 +29,13 @@ bool can_look_again(const CalibrateInputs& inputs, bool has_earlier);
 Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOptions& options,
                                   bool from_start, const Common& common, Calibration& calibration);
 
+/// `detect --calibration`: the images once more by cameras that are known, in any readable camera files; only
+/// where the boards stood is solved for. `data` gets the corners that are added.
+Result<LookReport> look_with(const std::string& calibration_file, const std::vector<CameraImages>& images,
+                             const Common& common, Dataset& data);
+void add_look(const LookReport& report, const Dataset& data, Json& json);
+std::string text_of_look(const LookReport& report, const Dataset& data);
+
 void add_look(const LookReport& report, const Calibration& calibration, Json& json);
 std::string text_of_look(const LookReport& report, const Calibration& calibration);
 
