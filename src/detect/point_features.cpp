@@ -21,7 +21,10 @@ void append(const Chessboard& board, double, std::vector<PointFeature>& out) {
   for (int r = 0; r < board.rows; ++r) {
     for (int c = 0; c < board.columns; ++c) {
       out.push_back(on_board(board.square_m, -Vec3::UnitZ()));
-      out.back().sign = parity(c, r);
+      // Where colours tell the ends apart the square diagonal to point 0 is black by definition.
+      const bool is_known = (board.columns + board.rows) % 2 != 0;
+      out.back().sign = is_known ? -parity(c, r) : parity(c, r);
+      out.back().is_sign_absolute = is_known;
     }
   }
 }

@@ -18,7 +18,7 @@ struct PointFeature {
   SaddleWindow window;
   /// Of a saddle's contrast: -1 or +1 by the board's pattern, 0 for a disc.
   int sign = 0;
-  bool is_sign_absolute = false;  ///< else two boards exist that differ by the sign of all corners
+  bool is_sign_absolute = false;  ///< else boards exist that differ by the sign of all corners
   double radius = 0;              ///< of a disc [board units]
   double gap = 0;                 ///< between a disc's outline and that of its neighbour [board units]
   Vec3 towards_viewer;            ///< unit normal of the printed side, target frame

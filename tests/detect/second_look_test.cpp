@@ -134,8 +134,9 @@ TEST(SecondLook, BringsBackWhatWasLost) {
   }
 }
 
-// Where no board is, none is found: another board, stripes, the board covered in part, and a photograph of
-// another moment in which the board stands elsewhere than the other camera says.
+// Where no board is, none is found: another board, stripes, the board covered in part, its negative, its
+// mirror image, and a photograph of another moment in which the board stands elsewhere than the other camera
+// says.
 TEST(SecondLook, IsNotFooled) {
   const TempDir dir;
   const Target target = *make_target(Chessboard{8, 5, 0.03});
@@ -157,15 +158,17 @@ TEST(SecondLook, IsNotFooled) {
     if (frame == 5) grey = of_camera1[1].clone();  // another moment
     if (frame == 6) grey.colRange(0, grey.cols / 2).setTo(90);
     if (frame == 7) cv::flip(of_camera1[7], grey, 1);
+    if (frame == 8) grey = 255 - grey;  // in place, but the colours say that its ends are exchanged
   };
   const RenderedScene scene = render_scene(dir, target, options, photograph(), edit);
   Dataset before = *detect_dataset(scene.cameras, target);
-  for (std::size_t v = 13; v <= 17; ++v) before.views[v].corners.clear(), before.views[v].reason = "lost";
+  for (std::size_t v = 13; v <= 18; ++v) before.views[v].corners.clear(), before.views[v].reason = "lost";
   const Calibration first = solved(before, "opencv5");
   const auto look = look_again(scene.cameras, first);
   ASSERT_TRUE(look) << look.error().text();
   EXPECT_EQ(added(scene, before, look->start.data).wrong, 0);
-  for (const std::size_t v : {13, 14, 15, 17}) EXPECT_TRUE(look->start.data.views[v].corners.empty()) << v;
+  for (const std::size_t v : {13, 14, 15, 17, 18})
+    EXPECT_TRUE(look->start.data.views[v].corners.empty()) << v;
 }
 
 // Every kind of print: tags and markers come back too, to their own points.
