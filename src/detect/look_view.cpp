@@ -131,8 +131,10 @@ KnownCorners begin(const cv::Mat& grey, const ViewBefore& b, double noise, SE3& 
     const double height = narrow_height(place.J);
     const PointFeature& feature = (*b.features)[point];
     if (std::min(1.0, feature.window.across) * height < kMinClean) continue;
-    const auto fit =
-        fit_at(grey, point, feature, place, place.px, std::max(1.5, 1.4 * kMostShift * height), noise);
+    // Not as far as the next corner, which of an AprilGrid is across the gap.
+    const double next = std::min(-feature.window.low.maxCoeff(), feature.window.high.minCoeff());
+    const double reach = std::max(1.5, std::min(1.4 * kMostShift, 0.45 * next) * height);
+    const auto fit = fit_at(grey, point, feature, place, place.px, reach, noise);
     if (fit && (!feature.is_sign_absolute || fit->strength > 0)) found[point] = *fit;
   }
   const Usual usual = usual_of(found);

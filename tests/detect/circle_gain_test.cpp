@@ -2,11 +2,9 @@
 // What the bias of circles' centres costs a calibration, and what is left of it after the second look.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <cmath>
 
 #include "detect/rendered_scene.hpp"
-#include "plumbline/assess/compare.hpp"
 #include "plumbline/detect/second_look.hpp"
 #include "plumbline/refine/refine.hpp"
 
@@ -39,17 +37,7 @@ Row row_of(const RenderedScene& scene, const Dataset& data, const Calibration& c
   const auto k = params(cal.rig.cameras[0].lens), truth = params(scene.truth.rig.cameras[0].lens);
   row.focal = k[0] / truth[0] - 1;
   row.centre_px = std::hypot(k[2] - truth[2], k[3] - truth[3]);
-  // Where circles were seen: beyond them every lens only guesses.
-  const auto wanted = [&](const Vec2& px) {
-    return std::any_of(data.views.begin(), data.views.end(), [&](const View& view) {
-      return std::any_of(view.corners.begin(), view.corners.end(),
-                         [&](const Corner& c) { return (c.px - px).norm() < 40; });
-    });
-  };
-  const auto ours = [&](const Vec3& p, Mat23* J) { return project(cal.rig.cameras[0].lens, p, J); };
-  const auto diff = compare_projection(scene.truth.rig.cameras[0], ours, Align::kRotation, 1, wanted);
-  EXPECT_TRUE(diff);
-  row.projection_px = diff ? diff->rms : 0;
+  row.projection_px = projection_error_px(scene, 0, cal);
   row.rms_px = cal.stats.rms_px;
   return row;
 }

@@ -24,4 +24,9 @@ RenderedScene render_scene(const TempDir& dir, const Target& target, SceneOption
                            const RenderOptions& look,
                            const std::function<void(int, int, cv::Mat&)>& edit = {});
 
+/// Root mean square difference between true projections and those of a calibration, over the part of a
+/// camera's image where true corners are (to 40 px: beyond them every lens only guesses), after the rotation
+/// that fits best. What a view that was held out would see of it.
+double projection_error_px(const RenderedScene& scene, int cam, const Calibration& calibration);
+
 }  // namespace plumbline::test

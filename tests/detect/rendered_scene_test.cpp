@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "detect/rendered_scene.hpp"
+#include "plumbline/assess/compare.hpp"
 #include "plumbline/image/image.hpp"
 
 namespace plumbline::test {
@@ -39,6 +42,20 @@ RenderedScene render_scene(const TempDir& dir, const Target& target, SceneOption
     out.cameras.push_back(std::move(images));
   }
   return out;
+}
+
+double projection_error_px(const RenderedScene& scene, int cam, const Calibration& calibration) {
+  const auto wanted = [&](const Vec2& px) {
+    return std::any_of(scene.truth.data.views.begin(), scene.truth.data.views.end(), [&](const View& view) {
+      return view.cam == cam && std::any_of(view.corners.begin(), view.corners.end(),
+                                            [&](const Corner& c) { return (c.px - px).norm() < 40; });
+    });
+  };
+  const Lens& lens = calibration.rig.cameras[cam].lens;
+  const auto ours = [&](const Vec3& p, Mat23* J) { return project(lens, p, J); };
+  const auto diff = compare_projection(scene.truth.rig.cameras[cam], ours, Align::kRotation, 1, wanted);
+  EXPECT_TRUE(diff) << diff.error().text();
+  return diff ? diff->rms : 1e9;
 }
 
 }  // namespace plumbline::test
