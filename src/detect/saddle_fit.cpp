@@ -30,6 +30,7 @@ constexpr double kSameSigmas = 3, kSameMisfit = 1.1;
 /// Windows of fewer pixels do not tell blur from contrast: they are told that the blur is about a pixel and
 /// that the light is even, with the weight of residuals of a seventh of the contrast.
 constexpr int kFewPixels = 80;
+constexpr double kLeastErrorOfFew = 0.008;  // px; what those expectations and the edges beside are worth
 constexpr double kUsualBlur = 0.9, kBlurWeight = 0.25, kSlopeWeight = 60;
 
 constexpr int kN = kSaddleParams;
@@ -197,7 +198,7 @@ std::optional<SaddleFit> judged(const Region& region, const Params& p, const Nor
   fit.misfit = std::sqrt(normal.cost / std::max(1, region.pixels.n - kN));
   const auto sigma = standard_error(normal, std::max(fit.misfit * fit.misfit, noise * noise));
   if (!sigma || !fit.px.allFinite()) return std::nullopt;
-  fit.sigma_px = std::hypot(*sigma, kLeastError);
+  fit.sigma_px = std::hypot(*sigma, region.pixels.n < kFewPixels ? kLeastErrorOfFew : kLeastError);
   return fit;
 }
 
