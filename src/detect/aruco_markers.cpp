@@ -3,6 +3,7 @@
 #include <opencv2/aruco.hpp>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "detect/markers.hpp"
 #include "plumbline/core/check.hpp"
@@ -78,6 +79,28 @@ void look(const cv::Mat& grey, const cv::Ptr<cv::aruco::Dictionary>& dictionary,
 }
 
 }  // namespace
+
+MarkerCodes marker_codes(std::string_view dictionary) {
+  const auto markers = dictionary_of(dictionary);
+  const int n = markers->markerSize;
+  MarkerCodes out{n, {}};
+  for (int id = 0; id < markers->bytesList.rows; ++id) {
+    const cv::Mat bits = cv::aruco::Dictionary::getBitsFromByteList(markers->bytesList.row(id), n);
+    std::array<std::uint64_t, 4> code{};
+    for (int y = 0; y < n; ++y) {
+      for (int x = 0; x < n; ++x) {
+        int at_x = x, at_y = y;
+        for (std::size_t turn = 0; turn < 4; ++turn) {
+          if (bits.at<unsigned char>(at_y, at_x) != 0) code[turn] |= std::uint64_t{1} << (y * n + x);
+          at_x = std::exchange(at_y, at_x);
+          at_x = n - 1 - at_x;
+        }
+      }
+    }
+    out.code.push_back(code);
+  }
+  return out;
+}
 
 std::vector<Marker> find_aruco(const cv::Mat& grey, std::string_view dictionary, int expected,
                                int border_bits) {

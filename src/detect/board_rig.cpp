@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
-#include <map>
-
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "plumbline/core/text.hpp"
@@ -10,14 +8,11 @@
 namespace plumbline::detail {
 
 Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Target& target) {
-  std::map<std::string, int> expected;  // markers of each dictionary over all parts: each is looked for once
   bool has_tags = false;
   for (const BoardPart& part : rig.parts) {
-    if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
-      expected[charuco->dictionary] += n_markers(*charuco);
-    } else if (std::holds_alternative<AprilGrid>(part.board)) {
+    if (std::holds_alternative<AprilGrid>(part.board)) {
       has_tags = true;
-    } else {
+    } else if (!std::holds_alternative<Charuco>(part.board)) {
       return Error{ErrorCode::kUnsupported,
                    fmt::format("a part of kind '{}' cannot be told from the others in an image; ChArUco "
                                "boards and AprilGrids can",
@@ -25,17 +20,18 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
                    target.name};
     }
   }
-  std::map<std::string, std::vector<Marker>> markers;
-  for (const auto& [dictionary, n] : expected) markers[dictionary] = find_aruco(grey, dictionary, n);
+  LatticePyramid lattices(grey);  // shared by all parts
+  std::vector<CharucoFind> finds(rig.parts.size());
   const std::vector<Marker> tags = has_tags ? find_april_tags(grey) : std::vector<Marker>{};
 
   Detection out;
   bool has_open = false;
-  for (const BoardPart& part : rig.parts) {
-    const auto* charuco = std::get_if<Charuco>(&part.board);
-    if (charuco == nullptr || !has_open_layout(*charuco)) continue;
-    has_open = true;
-    out.layout_vote += layout_vote(*charuco, markers[charuco->dictionary]);
+  for (std::size_t i = 0; i < rig.parts.size(); ++i) {
+    const auto* charuco = std::get_if<Charuco>(&rig.parts[i].board);
+    if (charuco == nullptr) continue;
+    finds[i] = find_charuco(lattices, *charuco);
+    has_open = has_open || has_open_layout(*charuco);
+    out.layout_vote += finds[i].reading.layout_vote;
   }
   const auto layout = out.layout_vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent;
   std::vector<std::string> reasons;
@@ -44,9 +40,11 @@ Result<Detection> detect_rig(const cv::Mat& grey, const BoardRig& rig, const Tar
     Detection found;
     int n_points = 0;
     if (const auto* charuco = std::get_if<Charuco>(&part.board)) {
-      Charuco board = *charuco;
-      if (has_open_layout(board)) board.layout = layout;
-      found = charuco_from_markers(grey, board, markers[board.dictionary]);
+      const CharucoFind& find = finds[static_cast<std::size_t>(part_number)];
+      const bool is_legacy = layout == Charuco::Layout::kLegacy;
+      found = find.detection;
+      if (has_open_layout(*charuco) && (find.reading.layout_vote < 0) != is_legacy)
+        found = charuco_from_reading(grey, *charuco, find.reading, is_legacy);
       n_points = (charuco->columns - 1) * (charuco->rows - 1);
     } else if (const auto* grid = std::get_if<AprilGrid>(&part.board)) {
       found = aprilgrid_from_tags(grey, *grid, tags);

@@ -5,111 +5,76 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <set>
 
-#include "detect/bends.hpp"
+#include "detect/charuco_strays.hpp"
+#include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
-#include "detect/strays.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
 namespace {
 
-/// Squares as units, origin at inner corner (0, 0): square (c, r) covers [c - 1, c] x [r - 1, r].
-struct Layout {
-  bool marker_in_first_square = false;  ///< legacy boards with an even number of rows
-  bool has_marker(int c, int r) const { return ((c + r) % 2 == 0) == marker_in_first_square; }
-};
+constexpr std::size_t kMinCorners = 4;
+constexpr double kMinReach = 0.8;                   ///< [px] between an edge and the markers beside it
+constexpr double kMinBlurs = 1.25;                  ///< the same in blurs
+constexpr double kBorderPx = 2;                     ///< of the image: corners that are nearer are not missed
+constexpr double kOutside = 0.15, kFewOutside = 4;  ///< of a lattice's nodes that may lie beyond the board
+constexpr int kFew = 3;  ///< markers that lie wrong before they are another board's
+constexpr int kRounds = 12;
+constexpr double kJoin = 0.35;  ///< of a square, for each square between two lattices
 
-/// Board corners of each marker id, counted from the board's first: row by row from the top left, clockwise.
-std::vector<std::array<Vec2, 4>> marker_corners(const Charuco& board, const Layout& layout) {
-  const double margin = (1 - board.marker_m / board.square_m) / 2;
-  std::vector<std::array<Vec2, 4>> out;
-  for (int r = 0; r < board.rows; ++r) {
-    for (int c = 0; c < board.columns; ++c) {
-      if (!layout.has_marker(c, r)) continue;
-      const double x0 = c - 1 + margin, x1 = c - margin, y0 = r - 1 + margin, y1 = r - margin;
-      out.push_back({Vec2(x0, y0), Vec2(x1, y0), Vec2(x1, y1), Vec2(x0, y1)});
+bool is_inside(const Charuco& board, const std::pair<int, int>& at) {
+  return at.first >= 0 && at.second >= 0 && at.first + 1 < board.columns && at.second + 1 < board.rows;
+}
+
+/// Nodes of a lattice on the board, none where many lie beyond it.
+int nodes_on_board(const SeenLattice& lattice, const BoardPlacement& placement, const Charuco& board) {
+  int inside = 0;
+  for (int r = 0; r < lattice.grid.rows; ++r) {
+    for (int c = 0; c < lattice.grid.columns; ++c) {
+      if (lattice.is_seen[static_cast<std::size_t>(r) * lattice.grid.columns + c] != 0)
+        inside += is_inside(board, placement.corner_of(c, r)) ? 1 : 0;
     }
   }
-  return out;
+  return lattice.n_seen - inside <= std::max(kFewOutside, kOutside * lattice.n_seen) ? inside : 0;
 }
 
-struct Placement {
-  Layout layout;
-  std::vector<PlacedQuad> quads;
-  ConsistentQuads consistent;
-};
-
-Placement place(const Charuco& board, const Layout& layout, const std::vector<Marker>& markers) {
-  Placement out{layout, {}, {}};
-  const auto corners = marker_corners(board, layout);
-  for (const Marker& m : markers) {
-    const int i = m.id - board.first_id;
-    if (i >= 0 && i < static_cast<int>(corners.size()))
-      out.quads.push_back({m.id, corners[static_cast<std::size_t>(i)], m.px});
-  }
-  out.consistent = consistent_quads(out.quads);
-  return out;
-}
-
-/// The local map at an inner corner, or nullopt when no marker touches it.
-std::optional<Mat3> plane_at(const Placement& placed, const Vec2& corner) {
-  const auto near = nearest_quads(placed.quads, placed.consistent.index, corner, 4);
-  std::vector<Vec2> from, to;
-  bool is_touched = false;
-  for (int q : near) {
-    const PlacedQuad& quad = placed.quads[static_cast<std::size_t>(q)];
-    const double distance = (quad.board_centre() - corner).lpNorm<Eigen::Infinity>();
-    is_touched |= distance < 0.75;
-    if (distance > 2.25) continue;  // a wide lens bends the board over larger distances
-    from.insert(from.end(), quad.board.begin(), quad.board.end());
-    to.insert(to.end(), quad.px.begin(), quad.px.end());
-  }
-  if (!is_touched) return std::nullopt;
-  for (Vec2& p : from) p -= corner;
-  return fit_plane(from, to);
-}
-
-constexpr int kMinCorners = 4;
-constexpr std::size_t kEnoughToJudge =
-    11;  ///< markers of which most lie as on the board, or it is another one
-constexpr std::size_t kMinToCompare = 10;  ///< corners of which one can be told to be a stray
-constexpr double kMinReach = 1.5;          ///< [px] between an edge and the markers beside it
-
-struct Candidates {
-  std::vector<CornerStart> starts;
-  std::vector<int> points;
-  std::map<int, SaddleWindow> windows;  ///< by point
-};
-
-/// Where the markers say that corners are, and which pixels around them are clean.
-Candidates candidates(const cv::Mat& grey, const Charuco& board, const Placement& placed) {
-  const double margin = (1 - board.marker_m / board.square_m) / 2;
-  Candidates out;
-  for (int r = 0; r + 1 < board.rows; ++r) {
-    for (int c = 0; c + 1 < board.columns; ++c) {
-      const auto H = plane_at(placed, Vec2(c, r));
-      const auto px = H ? map_point(*H, Vec2(0, 0)) : std::nullopt;
-      if (!px) continue;
-      const Mat2 J = map_jacobian(*H, Vec2(0, 0));
-      const double height = narrow_height(J), reach = margin * height;
-      if (reach < kMinReach) continue;
-      // The four fields at the corner have alternating brightness: else it is covered, or not this board's.
-      if (std::abs(saddle_contrast(grey, *px, J.col(0) * margin * 0.7, J.col(1) * margin * 0.7)) < 10)
-        continue;
-      SaddleWindow window{J};
-      // The squares' own edges are clean along their whole length; the markers stand beside them.
-      window.across = margin;
-      window.max_move_px = std::max(1.5, 0.2 * height);
-      window.max_misfit = 0.9;  // the markers around it say that it is a corner
-      out.starts.push_back({*px, window});
-      out.points.push_back(r * (board.columns - 1) + c);
-      out.windows[out.points.back()] = window;
+/// Adds a lattice's nodes to the board's corners, unless it lies elsewhere than those before it.
+void join(const CharucoReading::Part& part, const BoardPlacement& placement, ChessGrid& grid) {
+  ChessGrid own(grid.columns, grid.rows);
+  const SeenLattice& lattice = part.lattice;
+  for (int r = 0; r < lattice.grid.rows; ++r) {
+    for (int c = 0; c < lattice.grid.columns; ++c) {
+      if (lattice.is_seen[static_cast<std::size_t>(r) * lattice.grid.columns + c] == 0) continue;
+      const auto [to_c, to_r] = placement.corner_of(c, r);
+      if (to_c >= 0 && to_r >= 0 && to_c < grid.columns && to_r < grid.rows)
+        own.at(to_c, to_r) = lattice.grid.at(c, r);
     }
   }
-  return out;
+  if (grid.count() > 0) {
+    // The two nodes that are nearest to each other, and the steps at both.
+    int best = 1 << 20;
+    Vec2 delta = Vec2::Zero(), off = Vec2::Zero();
+    Mat2 J = Mat2::Zero();
+    for (int i = 0; i < static_cast<int>(grid.px.size()); ++i) {
+      const int c = i % grid.columns, r = i / grid.columns;
+      const auto J_a = grid.at(c, r) ? steps_at(grid, c, r) : std::nullopt;
+      if (!J_a) continue;
+      for (int k = 0; k < static_cast<int>(own.px.size()); ++k) {
+        const int dc = k % grid.columns - c, dr = k / grid.columns - r, distance = dc * dc + dr * dr;
+        if (distance >= best || !own.px[static_cast<std::size_t>(k)]) continue;
+        const auto J_b = steps_at(own, c + dc, r + dr);
+        if (!J_b) continue;
+        best = distance, delta = Vec2(dc, dr), J = (*J_a + *J_b) / 2;
+        off = *own.px[static_cast<std::size_t>(k)] - *grid.at(c, r);
+      }
+    }
+    const double limit = kJoin * std::max(1.0, delta.norm()) * std::sqrt(std::abs(J.determinant()));
+    if (!((off - J * delta).norm() < limit)) return;
+  }
+  for (std::size_t i = 0; i < grid.px.size(); ++i) {
+    if (!grid.px[i]) grid.px[i] = own.px[i];
+  }
 }
 
 /// Four corners on a line say nothing about a camera.
@@ -122,17 +87,85 @@ bool spans_plane(const std::vector<Corner>& corners, int columns) {
   return false;
 }
 
+std::vector<Corner> corners_of(const cv::Mat& grey, const Charuco& board, const ChessGrid& grid,
+                               double scale) {
+  std::vector<Vec2> px;
+  for (const auto& p : grid.px) {
+    if (p) px.push_back(*p);
+  }
+  const double noise = noise_level(grey, bounding_box(px, grey));
+  const GridFit how{(1 - board.marker_m / board.square_m) / 2, kMinReach, kMinBlurs, kRounds};
+  std::vector<Corner> out;
+  for (const ChessCorner& c :
+       without_odd(refine_grid(grey, grid, scale, noise, how), grid.columns, grid.rows))
+    out.push_back({c.point, c.px, c.sigma_px});
+  return out;
+}
+
+std::string why_none(const Charuco& board, const CharucoReading& reading) {
+  if (reading.n_opposed >= kFew) {
+    return fmt::format("only {} of the {} markers found lie as on this board: it is another one",
+                       reading.n_markers - reading.n_opposed, reading.n_markers);
+  }
+  if (reading.n_markers == 0)
+    return fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
+  return fmt::format("{} of {} markers of {} found, at least 2 are needed to tell", reading.n_markers,
+                     n_markers(board), board.dictionary);
+}
+
+CharucoReading read_level(LatticePyramid& pyramid, int level, const Charuco& board, const MarkerBook& book) {
+  const bool has_legacy = board.rows % 2 == 0 && board.layout != Charuco::Layout::kCurrent;
+  const bool has_current = board.rows % 2 != 0 || board.layout != Charuco::Layout::kLegacy;
+  CharucoReading out;
+  for (const SeenLattice& lattice : pyramid.level(level)) {
+    const auto squares = read_squares(pyramid.grey(), lattice, board, book);
+    if (squares.empty()) continue;
+    CharucoReading::Part part{lattice, {}, {}};
+    if (has_current) part.current = place_on_board(squares, board, false);
+    if (has_legacy) part.legacy = place_on_board(squares, board, true);
+    for (BoardPlacement* p : {&part.current, &part.legacy})
+      p->is_sure = p->is_sure && nodes_on_board(lattice, *p, board) > 0;
+    const int agreeing = std::max(part.current.agreeing, part.legacy.agreeing);
+    const auto clear = std::count_if(squares.begin(), squares.end(), [](auto& s) { return s.is_clear; });
+    const int markers = std::max(static_cast<int>(clear), agreeing);
+    if (markers > out.n_markers) out.n_markers = markers, out.n_opposed = markers - agreeing;
+    if (!part.current.is_sure && !part.legacy.is_sure) continue;
+    if (has_open_layout(board)) out.layout_vote += part.current.agreeing - part.legacy.agreeing;
+    out.parts.push_back(std::move(part));
+  }
+  return out;
+}
+
+/// Whether all corners that are missing lie outside of the image, as those beside them say; few scattered
+/// corners say nothing.
+bool is_whole(const Detection& found, const Charuco& board, cv::Size image) {
+  ChessGrid grid(board.columns - 1, board.rows - 1);
+  for (const Corner& c : found.corners) grid.px[static_cast<std::size_t>(c.point)] = c.px;
+  if (grid.count() == static_cast<int>(grid.px.size())) return true;
+  bool is_foretold = false;
+  for (int i = 0; i < static_cast<int>(grid.px.size()) && !is_foretold; ++i)
+    is_foretold = !grid.px[static_cast<std::size_t>(i)] && foretold(grid, i % grid.columns, i / grid.columns);
+  return is_foretold && is_all_in_sight(grid, image, kBorderPx);
+}
+
 }  // namespace
 
-int layout_vote(const Charuco& board, const std::vector<Marker>& markers) {
-  if (!has_open_layout(board)) return 0;
-  const auto n = [&](bool is_legacy) {
-    return static_cast<int>(place(board, {is_legacy}, markers).consistent.index.size());
-  };
-  // Only counts decide. With an odd number of columns the two layouts differ by a shift of one column
-  // wherever the first column (of a current board; the last one of a legacy board) is not in view; their
-  // errors are the same there but for rounding.
-  return n(false) - n(true);
+CharucoFind find_charuco(LatticePyramid& pyramid, const Charuco& board) {
+  const MarkerBook book = marker_book(board.dictionary);
+  const cv::Mat& grey = pyramid.grey();
+  CharucoFind best;
+  for (int k = 0; k < pyramid.n_levels(); ++k) {
+    CharucoFind here;
+    here.reading = read_level(pyramid, k, board, book);
+    const bool is_legacy = board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy ||
+                                                   (has_open_layout(board) && here.reading.layout_vote < 0));
+    here.detection = charuco_from_reading(grey, board, here.reading, is_legacy);
+    const std::size_t n = here.detection.corners.size(), n_best = best.detection.corners.size();
+    const bool is_better = n != n_best ? n > n_best : here.reading.n_markers > best.reading.n_markers;
+    if (k == 0 || is_better) best = std::move(here);
+    if (is_whole(best.detection, board, grey.size())) break;
+  }
+  return best;
 }
 
 std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) {
@@ -151,55 +184,41 @@ std::optional<Target> with_layout(const Target& target, Charuco::Layout layout) 
   return is_open ? std::optional<Target>(std::move(out)) : std::nullopt;
 }
 
-Detection charuco_from_markers(const cv::Mat& grey, const Charuco& board,
-                               const std::vector<Marker>& markers) {
+Detection charuco_from_reading(const cv::Mat& grey, const Charuco& board, const CharucoReading& reading,
+                               bool is_legacy) {
   Detection out;
-  out.layout_vote = layout_vote(board, markers);
-  const bool is_legacy =
-      board.rows % 2 == 0 && (board.layout == Charuco::Layout::kLegacy || out.layout_vote < 0);
-  const Placement placed = place(board, {is_legacy}, markers);
-  const std::size_t n = placed.consistent.index.size();
-  if (n == 0) {
-    out.reason = fmt::format("none of the {} markers of {} found", n_markers(board), board.dictionary);
+  out.layout_vote = reading.layout_vote;
+  ChessGrid grid(board.columns - 1, board.rows - 1);
+  double scale = 1;
+  int n_read = 0;
+  for (const CharucoReading::Part& part : reading.parts) {
+    const BoardPlacement& placement = is_legacy ? part.legacy : part.current;
+    if (!placement.is_sure) continue;
+    join(part, placement, grid);
+    scale = part.lattice.scale;
+    n_read += placement.agreeing;
+  }
+  if (grid.count() == 0) {
+    out.reason = why_none(board, reading);
     return out;
   }
-  std::set<int> ids;
-  for (const PlacedQuad& q : placed.quads) ids.insert(q.id);
-  if (ids.size() >= kEnoughToJudge && 2 * n < ids.size()) {
-    out.reason =
-        fmt::format("only {} of the {} markers found lie as on this board: it is another one", n, ids.size());
-    return out;
-  }
-  std::vector<Vec2> all_px;
-  for (int i : placed.consistent.index)
-    for (const Vec2& p : placed.quads[static_cast<std::size_t>(i)].px) all_px.push_back(p);
-  const double noise = noise_level(grey, bounding_box(all_px, grey));
-  const auto [starts, points, windows] = candidates(grey, board, placed);
-  const auto refined = refine_corners(grey, starts, noise);
-  std::vector<Refined> corners;
-  for (std::size_t i = 0; i < refined.size(); ++i) {
-    const Vec2 at(points[i] % (board.columns - 1), points[i] / (board.columns - 1));
-    if (refined[i]) corners.push_back({points[i], at, refined[i]->px, refined[i]->sigma_px});
-  }
-  double limit = 0;
-  if (corners.size() >= kMinToCompare) corners = without_strays(std::move(corners), limit);
-  refit_bent(grey, noise, windows, corners);
-  for (const Refined& r : corners) out.corners.push_back({r.point, r.px, r.sigma});
+  out.corners = corners_of(grey, board, grid, scale);
   if (out.corners.size() < kMinCorners || !spans_plane(out.corners, board.columns - 1)) {
     out.reason = fmt::format(
         "{} of {} corners found (from {} of {} markers), at least {} that are not on one line are needed",
-        out.corners.size(), (board.columns - 1) * (board.rows - 1), n, n_markers(board), kMinCorners);
+        out.corners.size(), (board.columns - 1) * (board.rows - 1), n_read, n_markers(board), kMinCorners);
     out.corners.clear();
     return out;
   }
-  out.method = fmt::format("ArUco{}, saddle fit", board.rows % 2 != 0 ? ""
-                                                  : is_legacy         ? ", layout legacy"
-                                                                      : ", layout current");
+  out.method = fmt::format("markers{}, saddle fit", board.rows % 2 != 0 ? ""
+                                                    : is_legacy         ? ", layout legacy"
+                                                                        : ", layout current");
   return out;
 }
 
 Detection detect_charuco(const cv::Mat& grey, const Charuco& board) {
-  return charuco_from_markers(grey, board, find_aruco(grey, board.dictionary, n_markers(board)));
+  LatticePyramid pyramid(grey);
+  return find_charuco(pyramid, board).detection;
 }
 
 }  // namespace plumbline::detail

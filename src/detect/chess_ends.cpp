@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "detect/saddle_fit.hpp"
+#include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
 namespace {
@@ -14,6 +15,7 @@ constexpr double kNear = 0.2;  ///< of a step: how far a corner beyond an end ma
 /// squares).
 constexpr double kLeastMisfit = 0.2, kMostMisfit = 0.9, kMoreMisfit = 2.5;
 constexpr double kAlike = 0.6;           ///< of the board's median contrast
+constexpr double kSeemsAlike = 0.4;      ///< of it, by four grey levels alone
 constexpr double kMostGoOn = 0.5;        ///< share of a side's corners that may seem to have one beside them
 constexpr double kBeyondPx = 6;          ///< of the image's border: too near to look for a corner
 constexpr double kMostUneven = 1.7;      ///< ratio of neighbouring steps; a fisheye's rim reaches 1.5
@@ -77,6 +79,8 @@ bool goes_on(const cv::Mat& grey, const ChessGrid& grid, const std::vector<Chess
           at->y() > grey.rows - 1 - kBeyondPx)
         continue;
       ++asked;
+      const double here = saddle_contrast(grey, *at, 0.3 * J->col(0), 0.3 * J->col(1)) / 2;
+      if (here * colour(c + dc, r + dr) / usual < kSeemsAlike) continue;
       SaddleWindow window{*J};
       window.max_misfit = most_misfit;
       window.max_move_px = kNear * std::min(J->col(0).norm(), J->col(1).norm());

@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "detect/bends.hpp"
+#include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -17,7 +18,10 @@ namespace {
 constexpr int kCoarsest = 500;
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
-constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
+constexpr double kFineScale = 0.5;  ///< corners found there are good starts
+constexpr double kLeastHoleMisfit = 0.4, kMoreMisfit = 2.5;
+constexpr double kFirstPx = 0.05;  ///< last step of the first fits, which say how the edges bend
+constexpr double kStray = 0.16;    ///< of the way between two neighbours: off their middle
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
 /// be (glare, marks inside of squares).
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
@@ -76,21 +80,6 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
   return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
 }
 
-/// Whether the corners that are missing lie outside of the image, or nearer to its border than a search finds
-/// any: refine_grid() looks for those.
-bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
-  for (int r = 0; r < grid.rows; ++r) {
-    for (int c = 0; c < grid.columns; ++c) {
-      if (grid.at(c, r)) continue;
-      const auto px = foretold(grid, c, r);
-      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
-          px->y() < image.height - 1 - border_px)
-        return false;
-    }
-  }
-  return true;
-}
-
 /// Whether two grids share corners: two lattices of one board, not two boards.
 bool overlap(const ChessGrid& a, const ChessGrid& b, double near_px) {
   return std::any_of(a.px.begin(), a.px.end(), [&](const auto& p) {
@@ -145,26 +134,58 @@ bool has_room_for_another(const std::vector<Saddle>& saddles, const std::vector<
 
 struct Fitted {
   ChessGrid grid;
+  GridFit how;
   std::vector<std::optional<SaddleFit>> fits;
+  double blur_px = 0;  ///< of the last corner that was fitted
+  /// What a corner that the search missed may leave of its contrast, by what the others leave.
+  double hole_misfit = kLeastHoleMisfit;
 };
 
-SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, double scale, bool is_seen,
-                       bool with_bend) {
+SaddleWindow window_at(const ChessGrid& grid, const GridFit& how, const Mat2& J, int c, int r, double scale,
+                       bool is_seen, bool with_bend) {
   SaddleWindow window{J};
+  window.across = how.across;
   window.max_misfit = is_seen ? kMaxMisfit : window.max_misfit;
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
-  if (!with_bend) return window;
+  if (!with_bend) {
+    window.enough_px = kFirstPx;
+    return window;
+  }
   set_bends(curvature_at(grid, c, r), window);
   return window;
 }
 
+/// steps_at() of a corner, or of one beside it: the first of a new row has no neighbours along the row.
+std::optional<Mat2> steps_near(const ChessGrid& grid, int c, int r) {
+  if (const auto J = steps_at(grid, c, r)) return J;
+  for (const auto& [dc, dr] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+    const auto J = grid.get(c + dc, r + dr) ? steps_at(grid, c + dc, r + dr) : std::nullopt;
+    if (J) return J;
+  }
+  return std::nullopt;
+}
+
 void fit(const cv::Mat& grey, int c, int r, const Vec2& start, double scale, bool is_seen, double noise,
          Fitted& out) {
-  const auto J = steps_at(out.grid, c, r);
+  const auto J = steps_near(out.grid, c, r);
   auto& to = out.fits[static_cast<std::size_t>(r) * out.grid.columns + c];
-  to =
-      J ? fit_saddle(grey, start, window_at(out.grid, *J, c, r, scale, is_seen, false), noise) : std::nullopt;
+  to.reset();
+  if (!J || out.how.across * narrow_height(*J) < out.how.least_across_px) return;
+  SaddleWindow window = window_at(out.grid, out.how, *J, c, r, scale, is_seen, false);
+  if (!is_seen) window.max_misfit = out.hole_misfit;
+  if (scale >= kFineScale && is_seen) window.usual_blur_px = out.blur_px;
+  to = fit_saddle(grey, start, window, noise);
+  if (!to && window.usual_blur_px > 0) {
+    window.usual_blur_px = 0;  // it looks otherwise than those beside it
+    to = fit_saddle(grey, start, window, noise);
+  }
+  if (to) out.blur_px = to->blur_px;
+  if (to || out.how.across >= 1) return;
+  // Glare, a strong bend, markers close by: nearer to the corner there is less of it.
+  window.max_arm_px = kShortArmPx;
+  window.long_arm_px = 0;
+  to = fit_saddle(grey, start, window, noise);
 }
 
 /// Sides alternate from corner to corner, and no corner is much fainter than the others.
@@ -184,6 +205,25 @@ void drop_misfits(Fitted& out) {
     auto& f = out.fits[i];
     if (f && sign(i) * f->contrast / least < 1) f.reset();
     if (!f) out.grid.px[i].reset();
+  }
+}
+
+/// Where the blur fills what is clean beside the edges nothing tells a corner from what lies beyond.
+void drop_blurred(Fitted& out) {
+  if (out.how.least_blurs <= 0) return;
+  std::vector<double> blur;
+  for (const auto& f : out.fits) {
+    if (f) blur.push_back(f->blur_px);
+  }
+  const double least = out.how.least_blurs * median(blur) / out.how.across;
+  for (int i = 0; i < static_cast<int>(out.fits.size()); ++i) {
+    auto& f = out.fits[static_cast<std::size_t>(i)];
+    const auto J = f ? steps_near(out.grid, i % out.grid.columns, i / out.grid.columns) : std::nullopt;
+    if (!J || narrow_height(*J) >= least) continue;
+    f.reset();
+  }
+  for (std::size_t i = 0; i < out.fits.size(); ++i) {
+    if (!out.fits[i]) out.grid.px[i].reset();
   }
 }
 
@@ -214,6 +254,19 @@ void drop_strays(Fitted& out) {
 }
 
 }  // namespace
+
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      if (grid.at(c, r)) continue;
+      const auto px = foretold(grid, c, r);
+      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
+          px->y() < image.height - 1 - border_px)
+        return false;
+    }
+  }
+  return true;
+}
 
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;
@@ -262,8 +315,9 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   return out;
 }
 
-std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise) {
-  Fitted out{grid, std::vector<std::optional<SaddleFit>>(grid.px.size())};
+std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,
+                                     const GridFit& how) {
+  Fitted out{grid, how, std::vector<std::optional<SaddleFit>>(grid.px.size())};
   for (int r = 0; r < grid.rows; ++r) {
     for (int c = 0; c < grid.columns; ++c) {
       if (grid.at(c, r)) fit(grey, c, r, *grid.at(c, r), scale, true, noise, out);
@@ -271,10 +325,16 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
   }
   for (std::size_t i = 0; i < out.fits.size(); ++i)
     out.grid.px[i] = out.fits[i] ? std::optional(out.fits[i]->px) : std::nullopt;
+  drop_blurred(out);
   drop_misfits(out);
   drop_strays(out);
+  std::vector<double> misfits;
+  for (const auto& f : out.fits) {
+    if (f) misfits.push_back(f->misfit / std::abs(f->contrast));
+  }
+  out.hole_misfit = std::clamp(kMoreMisfit * median(std::move(misfits)), kLeastHoleMisfit, kMaxMisfit);
   // What the search missed: holes, and corners at the image's border.
-  for (int round = 0; round < 3; ++round) {
+  for (int round = 0; round < how.rounds; ++round) {
     bool is_new = false;
     for (int r = 0; r < grid.rows; ++r) {
       for (int c = 0; c < grid.columns; ++c) {
@@ -291,6 +351,7 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       }
     }
     if (!is_new) break;
+    drop_blurred(out);
     drop_misfits(out);
     drop_strays(out);
   }
@@ -300,12 +361,9 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       const auto& first = out.fits[static_cast<std::size_t>(r) * grid.columns + c];
       if (!first) continue;
       SaddleFit best = *first;
-      if (const auto J = steps_at(out.grid, c, r)) {
-        const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
-        if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
-          const auto bent = fit_saddle(grey, best.px, window, noise, &best);
-          if (bent) best = *bent;
-        }
+      if (const auto J = steps_near(out.grid, c, r)) {
+        const SaddleWindow window = window_at(out.grid, how, *J, c, r, 1, true, true);
+        if (const auto better = fit_saddle(grey, best.px, window, noise, &best)) best = *better;
       }
       corners.push_back({r * grid.columns + c, best.px, best.sigma_px, best.contrast,
                          best.misfit / std::abs(best.contrast)});

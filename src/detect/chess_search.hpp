@@ -19,6 +19,10 @@ struct ChessSearch {
 /// The board, or a part of it that tells which, at the lowest of several sizes at which it is whole.
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board);
 
+/// Whether the corners of a board that a grid lacks lie outside of the image, or nearer than `border_px` to
+/// its border, as far as those beside them say.
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px);
+
 /// The corners of a grid refined, those that it lacks looked for where their neighbours say, and those thrown
 /// out that are none. By point.
 struct ChessCorner {
@@ -28,6 +32,14 @@ struct ChessCorner {
   double contrast = 0;  ///< as SaddleFit's
   double misfit = 0;    ///< what the fit leaves, of the contrast
 };
-std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise);
+/// What a board has beside its edges.
+struct GridFit {
+  double across = 1;           ///< how far it is clean beside an edge [squares]
+  double least_across_px = 0;  ///< corners where that is less are left out
+  double least_blurs = 0;      ///< so too where it is less than this many times the usual blur
+  int rounds = 3;              ///< of looking for corners that are missing
+};
+std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,
+                                     const GridFit& how = {});
 
 }  // namespace plumbline::detail

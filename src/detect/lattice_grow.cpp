@@ -10,11 +10,9 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kCone = 0.3;  ///< off an edge's direction that a first neighbour may lie [rad, about]
 /// Of a step: how far from its foretold place a node may lie; less where two steps before it foretell it.
 constexpr double kNearness = 0.3, kNearnessOfThird = 0.22;
 constexpr double kMostRatio = 2;    ///< of opposite sides of a cell
-constexpr int kMostLattices = 40;   ///< of one image
 constexpr double kSameTurn = 0.85;  ///< cosine between the edges of neighbours
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -100,7 +98,7 @@ class Places {
   void set(int i, int j, int saddle) { saddle_[index(i, j)] = saddle; }
 
  private:
-  static constexpr int kMost = 200, kSide = 2 * kMost + 1;
+  static constexpr int kMost = 120, kSide = 2 * kMost + 1;
   static std::size_t index(int i, int j) {
     return static_cast<std::size_t>(j + kMost) * kSide + static_cast<std::size_t>(i + kMost);
   }
@@ -109,8 +107,9 @@ class Places {
 
 class Growth {
  public:
-  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, cv::Size image)
-      : saddles_(saddles), buckets_(buckets), image_(image), taken_(saddles.size(), 0) {}
+  Growth(const std::vector<Saddle>& saddles, const Buckets& buckets, cv::Size image,
+         const LatticeRules& rules)
+      : saddles_(saddles), buckets_(buckets), image_(image), rules_(rules), taken_(saddles.size(), 0) {}
 
   /// The lattice of the saddle `seed`, empty when there is no cell around it.
   std::vector<LatticeNode> from(int seed) {
@@ -157,29 +156,33 @@ class Growth {
     queue_.emplace_back(i, j);
   }
 
-  /// The first saddle along a direction; -1 where it is no neighbour.
-  int neighbour(int from, const Vec2& direction) const {
+  /// The first saddle along a direction that is a neighbour, of those that may be tried; -1 where none is.
+  int neighbour(int from, const Vec2& direction) {
     const Saddle& a = saddles_[static_cast<std::size_t>(from)];
-    int best = -1;
-    double best_cost = 1e30;
-    for (double radius = 2 * buckets_.pitch(); best < 0; radius *= 2) {
+    const auto n_tries = static_cast<std::size_t>(rules_.most_tries);
+    for (double radius = 2 * buckets_.pitch();; radius *= 2) {
       // The box of the cone, from its apex to its base.
       const Vec2 base = a.px + radius * direction,
-                 half(-kCone * radius * direction.y(), kCone * radius * direction.x());
+                 half(-rules_.cone * radius * direction.y(), rules_.cone * radius * direction.x());
       const Vec2 low = a.px.cwiseMin(base - half).cwiseMin(base + half);
       const Vec2 high = a.px.cwiseMax(base - half).cwiseMax(base + half);
+      ahead_.clear();
       buckets_.between(low, high, [&](int i) {
         const Vec2 d = px(i) - a.px;
         const double along = d.dot(direction), beside = std::abs(cross(direction, d));
-        if (!(along > 3) || along > radius || beside > kCone * along) return;
-        const double cost = along + 2 * beside;
-        if (cost < best_cost && is_alike(a, saddles_[static_cast<std::size_t>(i)]))
-          best = i, best_cost = cost;
+        if (!(along > 3) || along > radius || beside > rules_.cone * along) return;
+        if (is_alike(a, saddles_[static_cast<std::size_t>(i)])) ahead_.emplace_back(along + 2 * beside, i);
       });
-      if (radius > buckets_.extent() / 2) break;
+      if (ahead_.size() >= n_tries || radius > buckets_.extent() / 2) break;
     }
+    const std::size_t n = std::min(ahead_.size(), n_tries);
+    std::partial_sort(ahead_.begin(), ahead_.begin() + static_cast<long>(n), ahead_.end());
     // Past a saddle that does not fit the next row but one would, and the whole lattice would be wrong.
-    return best >= 0 && matches(a, saddles_[static_cast<std::size_t>(best)], true) ? best : -1;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Saddle& b = saddles_[static_cast<std::size_t>(ahead_[k].second)];
+      if (matches(a, b, true) && (!rules_.is_edge || rules_.is_edge(a, b))) return ahead_[k].second;
+    }
+    return -1;
   }
 
   int nearest(const Vec2& at, double radius, const Saddle& like, bool opposite) const {
@@ -217,7 +220,7 @@ class Growth {
       const double least = std::min(step_x.norm(), step_y.norm());
       if (std::max(step_x.norm(), step_y.norm()) > 5 * least) continue;
       const int across = nearest(s.px + step_x + step_y, kNearness * least, s, false);
-      if (across < 0 || across == seed) continue;
+      if (across < 0 || across == seed || !are_edges(across, {right, below})) continue;
       put(0, 0, seed);
       put(1, 0, right);
       put(0, 1, below);
@@ -225,6 +228,13 @@ class Growth {
       return true;
     }
     return false;
+  }
+
+  bool are_edges(int from, std::initializer_list<int> ends) const {
+    if (!rules_.is_edge) return true;
+    return std::all_of(ends.begin(), ends.end(), [&](int to) {
+      return rules_.is_edge(saddles_[static_cast<std::size_t>(from)], saddles_[static_cast<std::size_t>(to)]);
+    });
   }
 
   struct Foretold {
@@ -319,7 +329,7 @@ class Growth {
     for (const Foretold& target : foretell(i, j, di, dj)) {
       const double radius = target.nearness * (target.px - px(from)).norm();
       const int found = nearest(target.px, radius, saddles_[static_cast<std::size_t>(from)], true);
-      if (found < 0) continue;
+      if (found < 0 || !are_edges(from, {found})) continue;
       put(i + di, j + dj, found);
       return;
     }
@@ -328,6 +338,8 @@ class Growth {
   const std::vector<Saddle>& saddles_;
   const Buckets& buckets_;
   cv::Size image_;
+  const LatticeRules& rules_;
+  std::vector<std::pair<double, int>> ahead_;  ///< of neighbour(): cost and saddle
   std::vector<LatticeNode> nodes_;
   std::vector<LatticeNode> put_;  ///< all that were put, those pruned too
   Places at_;
@@ -335,28 +347,29 @@ class Growth {
   std::deque<std::pair<int, int>> queue_;
 };
 
-bool is_large(const std::vector<LatticeNode>& nodes) {
-  if (nodes.size() < 9) return false;
+bool is_large(const std::vector<LatticeNode>& nodes, int least_box) {
+  if (static_cast<int>(nodes.size()) < least_box * least_box) return false;
   const auto [i0, i1] =
       std::minmax_element(nodes.begin(), nodes.end(), [](auto& a, auto& b) { return a.i < b.i; });
   const auto [j0, j1] =
       std::minmax_element(nodes.begin(), nodes.end(), [](auto& a, auto& b) { return a.j < b.j; });
-  return i1->i - i0->i >= 2 && j1->j - j0->j >= 2;
+  return i1->i - i0->i + 1 >= least_box && j1->j - j0->j + 1 >= least_box;
 }
 
 }  // namespace
 
 void grow_lattices(const std::vector<Saddle>& saddles, cv::Size image,
-                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last) {
-  if (saddles.size() < 9) return;
+                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last,
+                   const LatticeRules& rules) {
+  if (static_cast<int>(saddles.size()) < rules.least_box * rules.least_box) return;
   const Buckets buckets(saddles);
   std::vector<char> seen(saddles.size(), 0);
-  Growth growth(saddles, buckets, image);
+  Growth growth(saddles, buckets, image, rules);
   int n_grown = 0;
-  for (std::size_t seed = 0; seed < saddles.size() && n_grown < kMostLattices; ++seed) {
+  for (std::size_t seed = 0; seed < saddles.size() && n_grown < rules.most_lattices; ++seed) {
     if (seen[seed] != 0) continue;
     const auto nodes = growth.from(static_cast<int>(seed));
-    if (!is_large(nodes)) continue;
+    if (!is_large(nodes, rules.least_box)) continue;
     for (const LatticeNode& n : nodes) seen[static_cast<std::size_t>(n.saddle)] = 1;
     ++n_grown;
     if (is_last(nodes)) return;

@@ -22,7 +22,7 @@ constexpr double kMinBlur = 0.25, kMaxBlur = 8, kFirstBlur = 1.2, kFirstBlurOfSq
                  kMostFirstBlur = 4;
 constexpr double kMinContrast = 3;     ///< grey levels
 constexpr double kLeastError = 0.003;  ///< px; what the model itself is worth (a pixel is no Gaussian)
-constexpr double kNearPx = 0.05, kTherePx = 5e-3;  ///< last steps of the first rounds and of the others
+constexpr double kNearPx = 0.05;       ///< last step of the first rounds
 constexpr int kMinPixels = 14;
 /// The answer of longer arms has to be the same within so many standard
 /// errors and leave about as little.
@@ -145,11 +145,10 @@ bool settle(Region& region, const Vec2& curvature, int rounds, double enough_px,
       if (damping > 1e4) return true;  // no step gets lower: this is the bottom
       continue;
     }
-    const bool is_done = is_short && trial.cost > normal.cost * (1 - 1e-4);
     p = next;
     normal = trial;
     damping = std::max(damping / 10, 1e-9);
-    if (is_done) return true;
+    if (is_short) return true;  // steps shrink tenfold each
   }
   return true;
 }
@@ -167,6 +166,17 @@ std::optional<double> standard_error(const Normal& normal, double variance) {
     trace += solve(L, unit)[static_cast<std::size_t>(k)];
   }
   return std::sqrt(variance * trace / 2);
+}
+
+/// A first state where the start is good and the blur known.
+Params guess(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window, const double (&angle)[2]) {
+  const double blur = window.usual_blur_px;
+  const Vec2 u = window.J.col(0), v = window.J.col(1);
+  const double reach = std::min({0.5 * window.across, 2 * blur / u.norm(), 2 * blur / v.norm()});
+  const Vec2 a = reach * (u + v), b = reach * (u - v);
+  const double same = sample(grey, start + a) + sample(grey, start - a);
+  const double other = sample(grey, start + b) + sample(grey, start - b);
+  return {start.x(), start.y(), angle[0], angle[1], blur, (same + other) / 4, (same - other) / 4, 0, 0};
 }
 
 /// A first state of the model, from the pixels next to `start`; false where there is nothing.
@@ -221,6 +231,8 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   Normal normal;
   if (before) {
     p = before->state;
+  } else if (window.usual_blur_px > 0) {
+    p = guess(grey, start, window, angle);
   } else if (!find(grey, start, window, angle, region, p)) {
     return std::nullopt;
   }
@@ -230,7 +242,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
     if (!at.allFinite() || (at - start).norm() > limit) return std::nullopt;
     collect(grey, at, window, window.max_arm_px, p[4], region);
     if (region.pixels.n < kMinPixels || 2 * region.pixels.n < region.pixels.places) return std::nullopt;
-    if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return std::nullopt;
+    if (!settle(region, window.curvature, 12, window.enough_px, p, normal)) return std::nullopt;
     if ((Vec2(p[0], p[1]) - at).norm() < 0.3) break;
   }
   auto fit = judged(region, p, normal, noise);
@@ -239,7 +251,7 @@ std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, cons
   if (window.long_arm_px <= window.max_arm_px || fit->sigma_px < kRoughSigmaPx) return fit;
   // Much noise: as much of the edges as there is.
   collect(grey, fit->px, window, window.long_arm_px, p[4], region);
-  if (!settle(region, window.curvature, 12, kTherePx, p, normal)) return fit;
+  if (!settle(region, window.curvature, 12, window.enough_px, p, normal)) return fit;
   const auto longer = judged(region, p, normal, noise);
   const bool is_same = longer && (longer->px - fit->px).norm() < kSameSigmas * fit->sigma_px &&
                        longer->misfit < kSameMisfit * fit->misfit && longer->sigma_px < fit->sigma_px &&

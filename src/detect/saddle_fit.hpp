@@ -21,10 +21,12 @@ struct SaddleWindow {
   /// Of the two edges [1/px]: the edge along column k of J bends towards the side that it has when turned
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();
-  double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
-  double long_arm_px = 0;   ///< where the noise leaves the corner rough; 0: never. Wants `curvature`
-  double max_move_px = 3;   ///< from the start
-  double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
+  double max_arm_px = 14;    ///< longer arms gain little (the error falls with their root) and see more bend
+  double long_arm_px = 0;    ///< where the noise leaves the corner rough; 0: never. Wants `curvature`
+  double max_move_px = 3;    ///< from the start
+  double usual_blur_px = 0;  ///< of corners beside; 0: not known, and the corner is looked for in steps
+  double enough_px = 5e-3;   ///< the last step of the fit; more for one that another follows
+  double max_misfit = 0.4;   ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
 inline constexpr double kRoughSigmaPx = 0.02;  ///< from this standard error on longer arms are tried

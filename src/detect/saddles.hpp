@@ -30,11 +30,23 @@ struct LatticeNode {
   int saddle = 0;
 };
 
+/// What counts as a lattice. The defaults are for boards of plain squares.
+struct LatticeRules {
+  int most_tries = 1;  ///< saddles along an edge that may be its other end, where others stand beside edges
+  double cone = 0.3;   ///< off an edge's direction that it may lie: tangent
+  int least_box = 3;   ///< places of the smallest lattice in both directions; all of a box of 2x2 or 3x3
+  int most_lattices = 40;
+  /// Whether an edge runs from one saddle to the other; asked for the first cell of a lattice. Empty: it
+  /// does.
+  std::function<bool(const Saddle&, const Saddle&)> is_edge;
+};
+
 /// Calls is_last with each lattice until it says so. Lattices grow from cells of four saddles whose edges
 /// point at one another and whose colours alternate, neighbour by neighbour, the strongest saddles first;
-/// each place is foretold by those before it, so that no lens or plane is assumed. Their boxes have 3x3
-/// places at least; the axes (i, j) are right-handed as seen (x to the right, y down).
+/// each place is foretold by those before it, so that no lens or plane is assumed. The axes (i, j) are
+/// right-handed as seen (x to the right, y down).
 void grow_lattices(const std::vector<Saddle>& saddles, cv::Size image,
-                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last);
+                   const std::function<bool(const std::vector<LatticeNode>&)>& is_last,
+                   const LatticeRules& rules = {});
 
 }  // namespace plumbline::detail
