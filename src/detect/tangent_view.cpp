@@ -14,10 +14,13 @@ namespace {
 constexpr double kDeg = std::numbers::pi / 180;
 constexpr double kOneView = 55 * kDeg;    ///< up to which one view shows it all
 constexpr double kHalfAngle = 50 * kDeg;  ///< of each of several
-constexpr double kInnerRing = 50 * kDeg, kOuterRing = 85 * kDeg, kOuterFrom = 95 * kDeg;
-constexpr int kRingViews = 6;
-constexpr int kMostPx = 1800;  ///< per side; larger ones are reduced
-constexpr int kMapStep = 4;    ///< px between the places for which the lens is asked
+/// Where the others point, and from which angle on a second ring of them is needed.
+constexpr double kInnerRing = 50 * kDeg, kOuterRing = 95 * kDeg, kOuterFrom = 110 * kDeg;
+constexpr int kInnerViews = 4, kOuterViews = 6;
+/// Per side of a single view, and of one of several. A board that a lens bends is large in the image, and its
+/// corners are fitted in the image itself: the search need not see it sharper.
+constexpr int kMostPx = 1000, kMostOfManyPx = 640;
+constexpr int kMapStep = 4;  ///< px between the places for which the lens is asked
 constexpr float kNowhere = -1e5F;
 
 /// The ray of the outermost pixel that has one, from the middle towards a place on the image's border.
@@ -76,12 +79,13 @@ void fill_map(const Camera& camera, TangentView& view) {
 }
 
 /// A view of the rays with |x / z| <= half.x, |y / z| <= half.y after turning by R.
-std::optional<TangentView> make_view(const Camera& camera, const Mat3& R_view_cam, const Vec2& half) {
+std::optional<TangentView> make_view(const Camera& camera, const Mat3& R_view_cam, const Vec2& half,
+                                     int most_px) {
   const auto focal = px_per_rad(camera.lens, R_view_cam.row(2).transpose());
   if (!focal) return std::nullopt;
   TangentView view;
   view.R_view_cam = R_view_cam;
-  view.focal_px = std::min(*focal, kMostPx / (2 * half.maxCoeff()));
+  view.focal_px = std::min(*focal, most_px / (2 * half.maxCoeff()));
   view.size = {static_cast<int>(2 * half.x() * view.focal_px),
                static_cast<int>(2 * half.y() * view.focal_px)};
   if (view.size.width < 32 || view.size.height < 32) return std::nullopt;
@@ -99,23 +103,24 @@ std::vector<TangentView> tangent_views(const Camera& camera) {
     if (ray.z() > 0.1) half = half.cwiseMax((ray.head<2>() / ray.z()).cwiseAbs());
   }
   std::vector<TangentView> out;
-  const auto add = [&](const Mat3& R, const Vec2& h) {
-    if (auto view = make_view(camera, R, h)) out.push_back(*std::move(view));
+  const auto add = [&](const Mat3& R, const Vec2& h, int most_px) {
+    if (auto view = make_view(camera, R, h, most_px)) out.push_back(*std::move(view));
   };
   if (widest <= kOneView) {
-    add(Mat3::Identity(), half);
+    add(Mat3::Identity(), half, kMostPx);
     return out;
   }
   const Vec2 square = Vec2::Constant(std::tan(kHalfAngle));
-  add(Mat3::Identity(), square);
-  for (const double ring : {kInnerRing, kOuterRing}) {
-    if (ring == kOuterRing && widest < kOuterFrom) continue;
-    for (int i = 0; i < kRingViews; ++i) {
-      const double around = 2 * std::numbers::pi * i / kRingViews;
+  add(Mat3::Identity(), square, kMostOfManyPx);
+  const auto add_ring = [&](double angle, int n) {
+    for (int i = 0; i < n; ++i) {
+      const double around = 2 * std::numbers::pi * i / n;
       const Vec3 axis(-std::sin(around), std::cos(around), 0);  // z turns towards (cos, sin, 0)
-      add(Eigen::AngleAxisd(ring, axis).toRotationMatrix().transpose(), square);
+      add(Eigen::AngleAxisd(angle, axis).toRotationMatrix().transpose(), square, kMostOfManyPx);
     }
-  }
+  };
+  add_ring(kInnerRing, kInnerViews);
+  if (widest > kOuterFrom) add_ring(kOuterRing, kOuterViews);
   return out;
 }
 

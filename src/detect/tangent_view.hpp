@@ -17,8 +17,9 @@ struct TangentView {
   cv::Mat map;  ///< CV_32FC2: the pixel of the camera for each pixel of the view; far outside where none is
 };
 
-/// Views that together show what the camera sees up to 115 degrees from its axis, as sharp as its image is
-/// in the middle of each: one for a camera that sees less than 55 degrees from its axis.
+/// Views that together show what the camera sees: one where that is less than 55 degrees from its axis, else
+/// five, or eleven where it is more than 110. No sharper than the image, and small enough that a search of
+/// all of them costs a few times that of a 2 Mpx image at most.
 std::vector<TangentView> tangent_views(const Camera& camera);
 
 cv::Mat warp(const cv::Mat& grey, const TangentView& view);
