@@ -98,8 +98,11 @@ TEST(Charuco, GlareTakesOnlyWhatItCovers) {
   const Vec2 at = camera.px_of(target.points[17]);
   cv::circle(image, {static_cast<int>(at.x()), static_cast<int>(at.y())}, 45, cv::Scalar(255), cv::FILLED);
   const Accuracy a = accuracy(found(image, target), target, camera);
+  int clear = 0;  // by 5 px: a corner at the rim shows half of its edges
+  for (const Vec3& p : target.points) clear += (camera.px_of(p) - at).norm() > 40 ? 1 : 0;
+  EXPECT_LT(clear, 35);
   EXPECT_GE(a.found, 20);
-  EXPECT_LE(a.found, 32);
+  EXPECT_LE(a.found, clear);
   EXPECT_LT(a.worst, kOwnPx);
 }
 
