@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "args.hpp"
+#include "calibrate_look.hpp"
 #include "overlay.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/dataset_io.hpp"
@@ -15,7 +16,7 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string output, overlay;
+  std::string output, overlay, calibration;
   std::vector<std::string> targets, cams;
   std::string pair_by = "name";
 };
@@ -81,6 +82,12 @@ Result<int> run(const Options& o, const Common& common) {
   options.progress = [&](int done, int all) { progress(done, all); };
   auto data = detect_dataset(*images, *targets, options);
   if (!data) return data.error();
+  std::optional<LookReport> look;
+  if (!o.calibration.empty()) {
+    auto report = look_with(o.calibration, *images, common, *data);
+    if (!report) return report.error();
+    look = *std::move(report);
+  }
   const std::string bytes = as_vnl ? format_vnl(*data, 0) : format_corners(*data);
   if (Status s = write_file(o.output, bytes, common.force); !s) return s.error();
   if (!o.overlay.empty()) {
@@ -94,6 +101,10 @@ Result<int> run(const Options& o, const Common& common) {
   for (const Target& target : data->targets) names.push_back(target.name);
   Json json{{"target", join(names, ", ")}, {"detector", data->detector}, {"views", json_of_views(*data)}};
   std::string text = text_of_views(*data);
+  if (look) {
+    add_look(*look, *data, json);
+    text += text_of_look(*look, *data);
+  }
   text += fmt::format("{}\nwritten: {}\n", data->detector, o.output);
   if (Status s = print_result(common, json, text); !s) return s.error();
   return kDone;
@@ -109,6 +120,11 @@ void add_detect(CLI::App& app, const Common& common, int& exit_code) {
                  "match frames of several cameras by name (what the wildcards matched) or order")
       ->check(CLI::IsMember({"name", "order"}));
   app.add_option("-o,--output", o->output, "corners.yaml, or corners.vnl for mrcal")->required();
+  app.add_option(
+         "--calibration", o->calibration,
+         "cameras that are known, in any known format: the images are searched again where they put corners "
+         "that are missing, and centres of circles are freed of their bias")
+      ->check(CLI::ExistingPath);
   app.add_option("--overlay", o->overlay, "folder for the images with the corners drawn into them");
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <map>
 #include <mutex>
-#include <opencv2/core.hpp>
 #include <set>
 
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
+#include "detect/single_threaded.hpp"
 #include "plumbline/core/parallel.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/detect/detect.hpp"
@@ -24,19 +24,6 @@ struct Job {
   int target = 0;
   ImageSize size;
   std::optional<Result<Detection>> found;
-};
-
-/// OpenCV's own threads inside ours would only fight for the cores. Its setting is for the whole process, so
-/// it is put back; it changes no result.
-class OpenCvSingleThreaded {
- public:
-  OpenCvSingleThreaded() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~OpenCvSingleThreaded() { cv::setNumThreads(before_); }
-  OpenCvSingleThreaded(const OpenCvSingleThreaded&) = delete;
-  OpenCvSingleThreaded& operator=(const OpenCvSingleThreaded&) = delete;
-
- private:
-  int before_;
 };
 
 Result<Detection> run(const std::filesystem::path& file, const std::string& name, const Target& target,
@@ -220,7 +207,7 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const s
   int done = 0;
   std::vector<std::string> layout_remarks;
   {
-    const OpenCvSingleThreaded guard;
+    const detail::OpenCvSingleThreaded guard;
     parallel_for(n, options.n_threads, [&](int i) {
       Job& job = jobs[static_cast<std::size_t>(i)];
       const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
