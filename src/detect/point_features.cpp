@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "detect/tag_bits.hpp"
+
 namespace plumbline::detail {
 namespace {
 
@@ -39,12 +41,17 @@ void append(const Charuco& board, double, std::vector<PointFeature>& out) {
   }
 }
 
+/// Of the black border [tags].
+double border_width(const AprilGrid& board) {
+  return static_cast<double>(board.border) / (april_book(board.family)->n + 2 * board.border);
+}
+
 void append(const AprilGrid& board, double, std::vector<PointFeature>& out) {
   for (int tag = 0; tag < board.columns * board.rows; ++tag) {
     for (int k = 0; k < 4; ++k) {
       PointFeature f = on_board(board.tag_m, Vec3::UnitZ());
-      // The tag's border is two of ten modules wide; the small square ends with the gap.
-      f.window.across = std::min(0.2, board.spacing);
+      // As far as the tag's border and the small square, which ends with the gap.
+      f.window.across = std::min(border_width(board), board.spacing);
       const bool tag_is_right = k == 0 || k == 3, tag_is_up = k == 0 || k == 1;
       f.window.low = Vec2(tag_is_right ? -board.spacing : -1, tag_is_up ? -board.spacing : -1);
       f.window.high = Vec2(tag_is_right ? 1 : board.spacing, tag_is_up ? 1 : board.spacing);
