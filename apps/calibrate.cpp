@@ -73,8 +73,9 @@ Result<int> run(const Options& o, const Common& common) {
   if (!written) return written.error();
 
   Json json = json_of_calibration(*calibration);
+  json["notes"] = problem->notes;
   json["seconds"] = {{"detect", detect_s}, {"solve", solve_s}, {"all", seconds_since(start)}};
-  std::string text = text_of_calibration(*calibration);
+  std::string text = text_of_notes(problem->notes) + text_of_calibration(*calibration);
   text += fmt::format("written: {0}/calibration.yaml, {0}/corners.yaml\n", o.output);
   const bool missed = o.max_rms_px > 0 && !(calibration->stats.rms_px <= o.max_rms_px);
   if (missed)

@@ -18,7 +18,7 @@ constexpr int kFrames = 40;
 
 /// Frame k shows k in its brightness, and a fine pattern that is blurred but in the frames of `sharp`.
 cv::Mat frame_of(int k, const std::set<int>& sharp) {
-  cv::Mat grey(120, 160, CV_8U, cv::Scalar(40 + 4 * k));
+  cv::Mat grey(120, 160, CV_8U, cv::Scalar(30 + 5 * k));
   for (int r = 60; r < 120; ++r)
     for (int c = 0; c < 160; ++c) grey.at<unsigned char>(r, c) = (r / 4 + c / 4) % 2 ? 200 : 50;
   if (!sharp.contains(k)) cv::GaussianBlur(grey, grey, {}, 2.5);
@@ -39,7 +39,7 @@ void write_video(const std::filesystem::path& file, const char* codec, const std
 double number_of(const cv::Mat& frame) {
   cv::Mat grey = frame;
   if (frame.channels() == 3) cv::cvtColor(frame, grey, cv::COLOR_BGR2GRAY);
-  return (cv::mean(grey(cv::Rect(0, 0, 160, 40)))[0] - 40) / 4;
+  return (cv::mean(grey(cv::Rect(0, 0, 160, 40)))[0] - 30) / 5;
 }
 
 TEST(Video, NamesOfFrames) {
