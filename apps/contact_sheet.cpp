@@ -164,7 +164,7 @@ void ContactSheet::draw_cell(cv::Mat& sheet, std::size_t cam, std::size_t image,
       const cv::Point px(
           static_cast<int>(std::lround((corner.px.x() + 0.5) * at.width / size.width - 0.5)),
           static_cast<int>(std::lround((corner.px.y() + 0.5) * at.height / size.height - 0.5)));
-      cv::circle(inside, px, 1, colour, cv::FILLED);
+      cv::rectangle(inside, px - cv::Point(1, 1), px + cv::Point(1, 1), colour, cv::FILLED);
     }
   }
   // The text has the whole width of the cell, also under a narrow picture.

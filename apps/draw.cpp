@@ -20,9 +20,9 @@ namespace fs = std::filesystem;
 constexpr double kClear_px = 44;  ///< what corners should be apart in a picture
 constexpr int kMostEnlarged = 4;
 constexpr int kMostWidth = 3200;  ///< [px]; no image is enlarged beyond it
-constexpr double kCircle = 0.2;   ///< radius of the median sigma's circle, in distances between corners
+constexpr double kCircle = 0.3;   ///< radius of the median sigma's circle, in distances between corners
 constexpr int kShift = 4;         ///< OpenCV draws at 1/16 px
-const cv::Scalar kInk(235, 235, 235), kPaper(32, 32, 32), kSigma(255, 230, 60), kId(90, 255, 255);
+const cv::Scalar kInk(235, 235, 235), kPaper(32, 32, 32), kSigma(255, 70, 255), kId(90, 255, 255);
 
 /// How the pictures of one camera are drawn.
 struct Scale {
@@ -122,8 +122,8 @@ cv::Mat with_legend(const cv::Mat& picture, const std::string& name, const std::
   const bool has_key = outcome == Outcome::kFound || outcome == Outcome::kPartial;
   const double shown_px = round_down(1.5 * std::max(scale.median_sigma_px, 1e-9));
   if (has_key) {
-    key = fmt::format("circles: sigma x {:.0f}; this one is {:g} px:", scale.sigma_gain / scale.enlarged,
-                      shown_px);
+    key = fmt::format("circles: sigma x {:g} (median {:.3f} px); this one is {:g} px:",
+                      scale.sigma_gain / scale.enlarged, scale.median_sigma_px, shown_px);
   }
   double height = std::max(12.0, picture.cols / 110.0);
   const int margin = static_cast<int>(height), radius = static_cast<int>(scale.sigma_gain * shown_px) + 2;
@@ -139,7 +139,7 @@ cv::Mat with_legend(const cv::Mat& picture, const std::string& name, const std::
   if (has_key) {
     const int middle = base - row + margin / 2 + key_row / 2;
     while (height > 6 && text_width(key, height) + 3 * margin + 2 * radius > room) height -= 1;
-    draw_text(strip, key, {{margin, middle + static_cast<int>(height / 2)}, height, kSigma});
+    draw_text(strip, key, {{margin, middle + static_cast<int>(height / 2)}, height, kInk});
     cv::circle(strip, fixed_point(Vec2(2 * margin + text_width(key, height) + radius, middle)),
                fixed(scale.sigma_gain * shown_px), kSigma, std::max(1, picture.cols / 1600), cv::LINE_AA,
                kShift);

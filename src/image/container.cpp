@@ -24,25 +24,31 @@ std::uint32_t little_endian(std::string_view bytes, std::size_t at, int n) {
   return value;
 }
 
-/// The orientation in a TIFF's first directory (EXIF is such a file within the file); 1 where there is none.
-int orientation_in_tiff(std::string_view tiff) {
+/// Where the orientation's two bytes are in a TIFF's first directory (EXIF is such a file within the file).
+std::optional<std::size_t> place_of_orientation(std::string_view tiff) {
   constexpr std::uint32_t kOrientation = 0x0112, kShort = 3;
-  if (tiff.size() < 8) return 1;
+  if (tiff.size() < 8) return std::nullopt;
   const bool is_little = tiff.starts_with(std::string_view("II*\0", 4));
-  if (!is_little && !tiff.starts_with(std::string_view("MM\0*", 4))) return 1;
+  if (!is_little && !tiff.starts_with(std::string_view("MM\0*", 4))) return std::nullopt;
   const auto number = [&](std::size_t at, int n) {
     return is_little ? little_endian(tiff, at, n) : big_endian(tiff, at, n);
   };
   std::size_t at = number(4, 4);
-  if (at + 2 > tiff.size()) return 1;
+  if (at + 2 > tiff.size()) return std::nullopt;
   const std::uint32_t n_entries = number(at, 2);
   at += 2;
   for (std::uint32_t i = 0; i < n_entries && at + 12 <= tiff.size(); ++i, at += 12) {
-    if (number(at, 2) != kOrientation || number(at + 2, 2) != kShort) continue;
-    const std::uint32_t value = number(at + 8, 2);
-    return value >= 1 && value <= 8 ? static_cast<int>(value) : 1;
+    if (number(at, 2) == kOrientation && number(at + 2, 2) == kShort) return at + 8;
   }
-  return 1;
+  return std::nullopt;
+}
+
+/// 1 where there is none.
+int orientation_in_tiff(std::string_view tiff) {
+  const auto at = place_of_orientation(tiff);
+  if (!at) return 1;
+  const std::uint32_t value = tiff[0] == 'I' ? little_endian(tiff, *at, 2) : big_endian(tiff, *at, 2);
+  return value >= 1 && value <= 8 ? static_cast<int>(value) : 1;
 }
 
 constexpr std::string_view kExifMark{"Exif\0\0", 6};
@@ -153,6 +159,14 @@ ContainerInfo inspect_container(const std::string& bytes) {
     }
   }
   return {};
+}
+
+void set_upright(std::string& tiff) {
+  const auto at = place_of_orientation(tiff);
+  if (!at) return;
+  const bool is_little = tiff[0] == 'I';
+  tiff[*at] = is_little ? 1 : 0;
+  tiff[*at + 1] = is_little ? 0 : 1;
 }
 
 }  // namespace plumbline::detail

@@ -19,4 +19,7 @@ struct ContainerInfo {
 /// of a PGM or PPM.
 ContainerInfo inspect_container(const std::string& bytes);
 
+/// Makes a TIFF's orientation 1, where it has one.
+void set_upright(std::string& tiff);
+
 }  // namespace plumbline::detail

@@ -85,6 +85,8 @@ Result<Photograph> decode(const fs::path& file, ReadAs as) {
   if (bytes->empty()) return bad("the file is empty, an image is needed");
   const detail::ContainerInfo info = detail::inspect_container(*bytes);
   if (Status ok = check_container(info, bytes->size(), file); !ok) return ok.error();
+  // OpenCV's decoder of TIFF turns the pixels whatever it is told.
+  if (info.kind == "TIFF") detail::set_upright(*bytes);
   const Result<const detail::ImageioApi*> codec = detail::image_codec();
   if (!codec) return codec.error();
   Photograph photograph{{}, info.orientation};

@@ -31,7 +31,7 @@ void write_video(const std::filesystem::path& file, const std::vector<cv::Mat>& 
   ASSERT_TRUE(video.isOpened());
   for (std::size_t w = 0; w < poses.size(); ++w) {
     for (int k = 0; k < 5; ++k) {
-      cv::Mat frame = poses[w];
+      cv::Mat frame = poses[w].clone();
       if (k != sharp[w]) cv::GaussianBlur(poses[w], frame, {}, 2);
       cv::cvtColor(frame, frame, cv::COLOR_GRAY2BGR);
       video.write(frame);
