@@ -118,6 +118,28 @@ TEST(Video, OneFrameForAllCameras) {
   EXPECT_TRUE(sharpest_frames({}, 2).empty());
 }
 
+// The matrix of the track's header (ISO 14496-12, 8.3.2) says how to show it; the pixels stay as they are.
+TEST(Video, RotationIsToldAndNotApplied) {
+  const TempDir dir;
+  write_video(dir / "a.mp4", "mp4v", {}, 3);
+  std::string bytes = read_text(dir / "a.mp4");
+  const std::string one("\0\1\0\0", 4), minus("\xFF\xFF\0\0", 4), zero(4, '\0'), w("\x40\0\0\0", 4);
+  const std::size_t at =
+      bytes.find(one + zero + zero + zero + one + zero + zero + zero + w, bytes.find("tkhd"));
+  ASSERT_NE(at, std::string::npos);
+  for (const auto& [matrix, orientation] : {std::pair{zero + one + zero + minus + zero, 6},
+                                            {minus + zero + zero + zero + minus, 3},
+                                            {zero + minus + zero + one + zero, 8}}) {
+    bytes.replace(at, matrix.size(), matrix);
+    write_text(dir / "turned.mp4", bytes);
+    const auto frame = read_photograph(frame_path(dir / "turned.mp4", 2), ReadAs::kGrey8);
+    ASSERT_TRUE(frame) << frame.error().text();
+    EXPECT_EQ(frame->orientation, orientation);
+    EXPECT_EQ(frame->pixels.size(), cv::Size(160, 120));
+    EXPECT_NEAR(number_of(frame->pixels), 2, 0.4);
+  }
+}
+
 TEST(Video, BadVideosAreRefused) {
   const TempDir dir;
   write_text(dir / "text.mp4", "this is no video at all, only text that says so at some length");
