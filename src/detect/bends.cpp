@@ -8,6 +8,8 @@ namespace plumbline::detail {
 namespace {
 
 constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
+constexpr double kLongArmPx = 40;    ///< of windows in much noise
+constexpr double kMostBendPx = 0.3;  ///< a parabola is a bent edge so far
 constexpr double kNear = 0.5;        ///< [board units] nearer corners say little of a bend
 constexpr double kFar = 2.5;         ///< those farther away say little of this place
 
@@ -35,6 +37,16 @@ double curvature(const std::vector<Refined>& corners, const Refined& corner, int
 
 }  // namespace
 
+void set_bends(const Vec2& bend, SaddleWindow& window) {
+  const double most = std::max(1e-9, bend.cwiseAbs().maxCoeff());
+  window.long_arm_px = std::min(kLongArmPx, std::sqrt(2 * kMostBendPx / most));
+  for (int axis = 0; axis < 2; ++axis) {
+    const double longest = std::max(window.max_arm_px, window.long_arm_px);
+    const double arm = std::min(longest, 0.5 * window.J.col(axis).norm());
+    if (std::abs(bend[axis]) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend[axis];
+  }
+}
+
 void refit_bent(const cv::Mat& grey, double noise, const std::map<int, SaddleWindow>& windows,
                 std::vector<Refined>& corners) {
   const std::vector<Refined> before = corners;
@@ -42,12 +54,9 @@ void refit_bent(const cv::Mat& grey, double noise, const std::map<int, SaddleWin
     const auto found = windows.find(corner.point);
     if (found == windows.end()) continue;
     SaddleWindow window = found->second;
-    for (int axis = 0; axis < 2; ++axis) {
-      const double arm = std::min(window.max_arm_px, 0.5 * window.J.col(axis).norm());
-      const double bend = curvature(before, corner, axis);
-      if (std::abs(bend) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend;
-    }
-    if (window.curvature.isZero(0)) continue;
+    const Vec2 bend(curvature(before, corner, 0), curvature(before, corner, 1));
+    set_bends(bend, window);
+    if (window.curvature.isZero(0) && corner.sigma < kRoughSigmaPx) continue;
     if (const auto fit = fit_saddle(grey, corner.px, window, noise))
       corner.px = fit->px, corner.sigma = fit->sigma_px;
   }

@@ -10,7 +10,6 @@
 namespace plumbline::detail {
 namespace {
 
-constexpr double kBorderPx = 9;      ///< of the image: no saddle is found nearer to it
 constexpr double kHoles = 0.15;      ///< share of the corners in the box of those found that may be missing
 constexpr double kMinShare = 0.2;    ///< of the board that has to be seen
 constexpr double kSparseRim = 0.35;  ///< a rim of the lattice with fewer of its nodes is no part of the board
@@ -169,6 +168,22 @@ std::optional<Vec2> foretold(const ChessGrid& grid, int c, int r) {
   return std::nullopt;
 }
 
+namespace {
+
+/// The step in direction (dc, dr) of the row or column beside the one through (c, r).
+std::optional<Vec2> step_beside(const ChessGrid& grid, int c, int r, int dc, int dr) {
+  for (const int side : {1, -1}) {
+    const int c1 = c + side * dr, r1 = r + side * dc;
+    const auto here = grid.get(c1, r1), before = grid.get(c1 - dc, r1 - dr),
+               after = grid.get(c1 + dc, r1 + dr);
+    if (here && after) return Vec2(*after - *here);
+    if (here && before) return Vec2(*here - *before);
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 std::optional<Mat2> steps_at(const ChessGrid& grid, int c, int r) {
   Mat2 J;
   for (int axis = 0; axis < 2; ++axis) {
@@ -181,6 +196,8 @@ std::optional<Mat2> steps_at(const ChessGrid& grid, int c, int r) {
       J.col(axis) = *after - *here;
     } else if (here && before) {
       J.col(axis) = *here - *before;
+    } else if (const auto step = step_beside(grid, c, r, dc, dr)) {
+      J.col(axis) = *step;
     } else {
       return std::nullopt;
     }
@@ -204,6 +221,25 @@ Vec2 curvature_at(const ChessGrid& grid, int c, int r) {
     }
   }
   return out;
+}
+
+bool has_kept_its_rims(const ChessGrid& before, const ChessGrid& after) {
+  const auto on_line = [](const ChessGrid& grid, bool is_column, int at) {
+    int n = 0;
+    for (int k = 0; k < (is_column ? grid.rows : grid.columns); ++k)
+      n += (is_column ? grid.at(at, k) : grid.at(k, at)) ? 1 : 0;
+    return n;
+  };
+  for (const bool is_column : {false, true}) {
+    const int lines = is_column ? before.columns : before.rows;
+    int first = 0, last = lines - 1;
+    while (first < last && on_line(before, is_column, first) == 0) ++first;
+    while (last > first && on_line(before, is_column, last) == 0) --last;
+    for (const int at : {first, last}) {
+      if (2 * on_line(after, is_column, at) < on_line(before, is_column, at)) return false;
+    }
+  }
+  return true;
 }
 
 std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode>& all,

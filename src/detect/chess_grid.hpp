@@ -32,8 +32,8 @@ struct ChessGrid {
 /// them lie so that they say it.
 std::optional<Vec2> foretold(const ChessGrid& grid, int c, int r);
 
-/// d px / d (c, r) at a corner by its neighbours; nullopt for a corner without a neighbour in both
-/// directions.
+/// d px / d (c, r) at a corner by its neighbours, or along an axis without one by those of the line beside
+/// it; nullopt where there are neither.
 std::optional<Mat2> steps_at(const ChessGrid& grid, int c, int r);
 
 /// Bend of the row and of the column through a corner [1/px], as SaddleWindow::curvature wants them; 0 where
@@ -47,5 +47,9 @@ Vec2 curvature_at(const ChessGrid& grid, int c, int r);
 std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode>& nodes,
                                                    const std::vector<Saddle>& saddles,
                                                    const Chessboard& board, cv::Size image);
+
+/// Whether the outermost rows and columns of `before` are still there after the corners' fit. Where one is
+/// not, it was clutter, and what the board's ends said about its numbering is void.
+bool has_kept_its_rims(const ChessGrid& before, const ChessGrid& after);
 
 }  // namespace plumbline::detail

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "detect/bends.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -14,8 +15,6 @@ namespace {
 
 /// Images are halved until no side is longer than this: blur and noise shrink with them.
 constexpr int kCoarsest = 500;
-constexpr double kMaxBendPx = 0.01;  ///< of an edge within its window, before it is taken into account
-constexpr double kWindowPx = 14;     ///< longest arm of a window
 /// What the lattice confirms may look less like the model: binary scans, corners whose squares do not touch.
 constexpr double kMaxMisfit = 0.9;
 constexpr double kStray = 0.16;  ///< of the way between two neighbours: off their middle
@@ -24,9 +23,17 @@ constexpr double kStray = 0.16;  ///< of the way between two neighbours: off the
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
 constexpr double kFaint = 0.35;  ///< of the median contrast
 
-std::vector<double> scales_of(const cv::Mat& grey) {
-  std::vector<double> out{1};
-  for (double s = 0.5; 2 * s * std::max(grey.cols, grey.rows) > kCoarsest; s /= 2) out.insert(out.begin(), s);
+/// The image and its halves, the smallest first.
+std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
+  std::vector<cv::Mat> out{grey};
+  while (std::max(out.front().cols, out.front().rows) > kCoarsest) {
+    const cv::Mat& from = out.front();
+    // Without the last odd row and column each pixel is the mean of four.
+    const cv::Rect even(0, 0, from.cols / 2 * 2, from.rows / 2 * 2);
+    cv::Mat half;
+    cv::resize(from(even), half, cv::Size(from.cols / 2, from.rows / 2), 0, 0, cv::INTER_AREA);
+    out.insert(out.begin(), half);
+  }
   return out;
 }
 
@@ -68,6 +75,39 @@ bool fields_alternate(const cv::Mat& grey, const ChessGrid& grid) {
   return std::abs(middle) > 4 && static_cast<double>(weak) <= kWeakFields * static_cast<double>(steps.size());
 }
 
+/// Whether the corners that are missing lie outside of the image, or nearer to its border than a search finds
+/// any: refine_grid() looks for those.
+bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
+  for (int r = 0; r < grid.rows; ++r) {
+    for (int c = 0; c < grid.columns; ++c) {
+      if (grid.at(c, r)) continue;
+      const auto px = foretold(grid, c, r);
+      if (px && px->x() > border_px && px->y() > border_px && px->x() < image.width - 1 - border_px &&
+          px->y() < image.height - 1 - border_px)
+        return false;
+    }
+  }
+  return true;
+}
+
+/// Whether two grids share corners: two lattices of one board, not two boards.
+bool overlap(const ChessGrid& a, const ChessGrid& b, double near_px) {
+  return std::any_of(a.px.begin(), a.px.end(), [&](const auto& p) {
+    return p && std::any_of(b.px.begin(), b.px.end(),
+                            [&](const auto& q) { return q && (*p - *q).norm() < near_px; });
+  });
+}
+
+/// Whether there are enough saddles as strong as those of a lattice for a second board.
+bool has_room_for_another(const std::vector<Saddle>& saddles, const std::vector<LatticeNode>& nodes) {
+  double weakest = 1e30;
+  for (const LatticeNode& n : nodes)
+    weakest = std::min(weakest, saddles[static_cast<std::size_t>(n.saddle)].strength);
+  const auto n = std::count_if(saddles.begin(), saddles.end(),
+                               [&](const Saddle& s) { return s.strength > kFaint * weakest; });
+  return static_cast<std::size_t>(n) >= 2 * nodes.size();
+}
+
 struct Fitted {
   ChessGrid grid;
   std::vector<std::optional<SaddleFit>> fits;
@@ -80,11 +120,7 @@ SaddleWindow window_at(const ChessGrid& grid, const Mat2& J, int c, int r, doubl
   const double least = std::min(J.col(0).norm(), J.col(1).norm());
   window.max_move_px = std::min(std::max({2.0, 0.25 * least, 1.5 / scale}), 0.45 * least);
   if (!with_bend) return window;
-  const Vec2 bend = curvature_at(grid, c, r);
-  for (int axis = 0; axis < 2; ++axis) {
-    const double arm = std::min(kWindowPx, 0.5 * J.col(axis).norm());
-    if (std::abs(bend[axis]) * arm * arm / 2 > kMaxBendPx) window.curvature[axis] = bend[axis];
-  }
+  set_bends(curvature_at(grid, c, r), window);
   return window;
 }
 
@@ -147,13 +183,12 @@ void drop_strays(Fitted& out) {
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;
   const int all = board.columns * board.rows;
-  for (const double scale : scales_of(grey)) {
-    cv::Mat image = grey;
-    if (scale < 1) cv::resize(grey, image, cv::Size(), scale, scale, cv::INTER_AREA);
+  const auto pyramid = pyramid_of(grey);
+  for (std::size_t level = 0; level < pyramid.size(); ++level) {
+    const cv::Mat& image = pyramid[level];
+    const double ratio = std::exp2(static_cast<double>(pyramid.size() - 1 - level));
     const double noise = noise_level(image, {0, 0, image.cols, image.rows});
     const auto saddles = find_saddles(image, noise, 20 * all + 1000);
-    const Vec2 ratio(static_cast<double>(grey.cols) / image.cols,
-                     static_cast<double>(grey.rows) / image.rows);
     std::size_t largest = 0;
     grow_lattices(saddles, image.size(), [&](const std::vector<LatticeNode>& nodes) {
       auto placed = place_lattice(nodes, saddles, board, image.size());
@@ -163,16 +198,21 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
         return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
-      if (grid.count() <= out.grid.count() || !fields_alternate(image, grid)) return false;
+      const bool is_worth_a_look = grid.count() > out.grid.count() || 2 * grid.count() > all;
+      if (!is_worth_a_look || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
-        if (p) p = (*p + Vec2(0.5, 0.5)).cwiseProduct(ratio) - Vec2(0.5, 0.5);
+        if (p) p = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
       }
-      out.grid = std::move(grid);
-      out.scale = scale;
-      return out.grid.count() == all;
+      out.is_twice = out.is_twice ||
+                     (grid.count() == all && out.grid.count() == all && !overlap(grid, out.grid, 3 * ratio));
+      if (grid.count() > out.grid.count()) {
+        out.grid = std::move(grid);
+        out.scale = 1 / ratio;
+      }
+      return out.is_twice || (out.grid.count() == all && !has_room_for_another(saddles, nodes));
     });
     out.largest = std::max(out.largest, static_cast<int>(largest));
-    if (out.grid.count() == all) break;
+    if (out.grid.count() > 0 && is_all_in_sight(out.grid, grey.size(), kBorderPx / out.scale)) break;
   }
   return out;
 }
@@ -217,8 +257,8 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
       SaddleFit best = *first;
       if (const auto J = steps_at(out.grid, c, r)) {
         const SaddleWindow window = window_at(out.grid, *J, c, r, 1, true, true);
-        if (!window.curvature.isZero(0)) {
-          const auto bent = fit_saddle(grey, best.px, window, noise);
+        if (!window.curvature.isZero(0) || best.sigma_px > kRoughSigmaPx) {
+          const auto bent = fit_saddle(grey, best.px, window, noise, &best);
           if (bent) best = *bent;
         }
       }

@@ -25,6 +25,13 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
     return out;
   }
   const ChessSearch search = search_chessboard(grey, board);
+  if (search.is_twice) {
+    out.reason = fmt::format(
+        "two {}x{} chessboards found, and nothing tells which is which: show one at a time, "
+        "or use boards of different counts",
+        board.columns, board.rows);
+    return out;
+  }
   if (search.grid.count() > 0) {
     std::vector<Vec2> px;
     for (const auto& p : search.grid.px) {
@@ -32,6 +39,13 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
     }
     const double noise = noise_level(grey, bounding_box(px, grey));
     const auto corners = refine_grid(grey, search.grid, search.scale, noise);
+    ChessGrid fitted(board.columns, board.rows);
+    for (const ChessCorner& c : corners) fitted.px[static_cast<std::size_t>(c.point)] = c.px;
+    if (!has_kept_its_rims(search.grid, fitted)) {
+      out.reason = fmt::format("{} of {} corners found, and nothing tells which", corners.size(),
+                               board.columns * board.rows);
+      return out;
+    }
     if (5 * corners.size() >= 4 * px.size()) return found(corners, "saddle fit");
   }
   out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows, grey.cols,

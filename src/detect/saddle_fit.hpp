@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <array>
 #include <opencv2/core/mat.hpp>
 #include <optional>
 
+#include "detect/saddle_kernel.hpp"
 #include "plumbline/core/types.hpp"
 
 /// The sub-pixel place of a corner where four fields meet, by least squares on the grey levels themselves:
@@ -20,25 +22,29 @@ struct SaddleWindow {
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();
   double max_arm_px = 14;   ///< longer arms gain little (the error falls with their root) and see more bend
+  double long_arm_px = 0;   ///< where the noise leaves the corner rough; 0: never. Wants `curvature`
   double max_move_px = 3;   ///< from the start
   double max_misfit = 0.4;  ///< of the contrast: what the model may leave; photographs of screens reach 0.3
 };
 
-inline constexpr double kShortArmPx = 5;  ///< for a second try where the longer arms do not fit
+inline constexpr double kRoughSigmaPx = 0.02;  ///< from this standard error on longer arms are tried
+inline constexpr double kShortArmPx = 5;       ///< for a second try where the longer arms do not fit
 
 struct SaddleFit {
   Vec2 px;
   double sigma_px = 0;  ///< standard error of each coordinate (root of the mean variance)
   double contrast =
       0;  ///< half the step between the fields; > 0: bright where both board offsets have one sign
-  double blur_px = 0;  ///< Gaussian, lens and pixel together
-  double misfit = 0;   ///< RMS of what the model leaves [grey levels]
+  double blur_px = 0;                         ///< Gaussian, lens and pixel together
+  double misfit = 0;                          ///< RMS of what the model leaves [grey levels]
+  std::array<double, kSaddleParams> state{};  ///< of the model (kSaddleParams), for another fit
 };
 
 /// nullopt: no corner there (the fit runs away or its edges are not as J says, the model leaves too
 /// much, fewer than half of the window's pixels are in the image). `noise`: of the image
-/// [grey levels]; where the model leaves more than that, sigma grows with it.
+/// [grey levels]; where the model leaves more than that, sigma grows with it. `before`: a fit of the same
+/// corner with another window, to begin with (may be null).
 std::optional<SaddleFit> fit_saddle(const cv::Mat& grey, const Vec2& start, const SaddleWindow& window,
-                                    double noise);
+                                    double noise, const SaddleFit* before = nullptr);
 
 }  // namespace plumbline::detail

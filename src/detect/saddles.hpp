@@ -9,6 +9,9 @@
 /// Points of an image where four fields of alternating brightness meet, and lattices of them.
 namespace plumbline::detail {
 
+/// No saddle of a lattice is looked for nearer to the image's border.
+inline constexpr double kBorderPx = 9;
+
 /// A saddle of the smoothed grey levels.
 struct Saddle {
   Vec2 px;

@@ -36,8 +36,8 @@ double noise_level(const cv::Mat& grey, cv::Rect roi) {
   roi &= cv::Rect(1, 1, grey.cols - 2, grey.rows - 2);
   std::array<int, 256 * 16> histogram{};
   long n = 0;
-  // Every image row is too much for a large photograph; some 200,000 pixels say it as well.
-  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(roi.area()) / 2e5)));
+  // Every image row is too much for a large photograph; some 30,000 pixels say it as well.
+  const int step = std::max(1, static_cast<int>(std::sqrt(static_cast<double>(roi.area()) / 3e4)));
   for (int y = roi.y; y < roi.y + roi.height; y += step) {
     const unsigned char *a = grey.ptr(y - 1), *b = grey.ptr(y), *c = grey.ptr(y + 1);
     for (int x = roi.x; x < roi.x + roi.width; x += step) {

@@ -62,6 +62,39 @@ TEST(ChessSearch, AnotherBoardIsNone) {
   }
 }
 
+// Two boards of the same counts: whichever was meant, the other one would be wrong.
+TEST(ChessSearch, TwoBoardsAreNone) {
+  Photograph left = photograph({10, 7, 0.03}, 0), right = left;
+  left.camera.centre.x() -= 20, right.camera.centre.x() += 30;
+  cv::Mat both;
+  Render how;
+  how.noise = 2;
+  cv::hconcat(render(left.camera, chessboard_shade({10, 7, 0.03}), how),
+              render(right.camera, chessboard_shade({10, 7, 0.03}), how), both);
+  const Detection d = *detect_target(both, left.target);
+  EXPECT_TRUE(d.corners.empty());
+  EXPECT_THAT(d.reason, testing::HasSubstr("two 10x7 chessboards"));
+  // Boards of different counts are told apart.
+  const Chessboard other{8, 5, 0.03};
+  const Photograph p = photograph(other, 0);
+  cv::hconcat(left.image, p.image, both);
+  EXPECT_EQ(detect_target(both, left.target)->corners.size(), 70U);
+  EXPECT_EQ(detect_target(both, p.target)->corners.size(), 40U);
+}
+
+// Rows that grew into the surroundings vanish in the fit, and with them what they said about the ids.
+TEST(ChessSearch, RimsHaveToStay) {
+  detail::ChessGrid before(4, 4), after(4, 4);
+  for (std::size_t i = 0; i < 12; ++i) before.px[i] = after.px[i] = Vec2(0, 0);
+  EXPECT_TRUE(detail::has_kept_its_rims(before, after));
+  before.px[13] = Vec2(0, 0);  // one of a row that was not there before
+  EXPECT_FALSE(detail::has_kept_its_rims(before, after));
+  after.px[13] = Vec2(0, 0);
+  EXPECT_TRUE(detail::has_kept_its_rims(before, after));
+  after.px[4] = std::nullopt;  // one of a column that stays
+  EXPECT_TRUE(detail::has_kept_its_rims(before, after));
+}
+
 // Seen at 60 degrees, dark, and with squares of 10 px.
 TEST(ChessSearch, HardViews) {
   const Chessboard board{10, 7, 0.03};
