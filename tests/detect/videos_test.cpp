@@ -87,6 +87,18 @@ TEST(DetectVideos, SharpestFramesPairsAndNearDuplicates) {
   }
 }
 
+// A file that ends early is used as far as it goes, and its user is told.
+TEST(DetectVideos, CutVideosAreNamed) {
+  const TempDir dir;
+  write_video(dir / "a.avi", std::vector<cv::Mat>(4, cv::Mat(480, 640, CV_8U, cv::Scalar(90))), {0, 0, 0, 0});
+  const std::string whole = read_text(dir / "a.avi");
+  write_text(dir / "a.avi", whole.substr(0, whole.size() / 2));
+  const auto images = sample_videos({video_of("a", dir / "a.avi")}, {.every = 5});
+  ASSERT_TRUE(images) << images.error().text();
+  EXPECT_LT(images->front().files.size(), 4U);
+  EXPECT_THAT(images->front().notes, testing::Contains(testing::HasSubstr("a.avi promises 20 frames and")));
+}
+
 /// A data set of two cameras and four frames of the same three corners, each frame moved by so much.
 Dataset moved(const std::array<double, 4>& left_px, const std::array<double, 4>& right_px, bool video) {
   Dataset data;
