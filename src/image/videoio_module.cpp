@@ -6,12 +6,15 @@
 #include <exception>
 #include <limits>
 #include <memory>
+#include <opencv2/core/version.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
 #include "image/imageio_api.hpp"
 
 namespace {
+
+constexpr bool kIsTurnedWrongly = CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR == 6;
 
 using Facts = plumbline::detail::VideoioApi::Facts;
 
@@ -38,6 +41,8 @@ void* open(const char* file, Facts* facts, char* message, std::size_t message_si
       facts->height = as_int(video->get(cv::CAP_PROP_FRAME_HEIGHT));
       facts->n_frames = as_int(video->get(cv::CAP_PROP_FRAME_COUNT));
       facts->rotation_deg = as_int(video->get(cv::CAP_PROP_ORIENTATION_META)) % 360;
+      // OpenCV 4.6.0 gives it the wrong way round (its issue 22088).
+      if (kIsTurnedWrongly) facts->rotation_deg = (360 - facts->rotation_deg) % 360;
       return video.release();
     }
     say("neither FFmpeg nor OpenCV can decode it", message, message_size);
