@@ -50,7 +50,9 @@ std::string text_of_views(const Dataset& data) {
       }
       text += fmt::format("{}: {} found in {} of {} images, {} corners{}\n", data.cameras[cam].name,
                           several ? data.targets[t].name : "board", n_found + n_thinned, n_all, n_corners,
-                          n_thinned == 0 ? "" : fmt::format("; {} near-duplicates left out", n_thinned));
+                          n_thinned == 0 ? ""
+                                         : fmt::format("; {} near-duplicate{} left out", n_thinned,
+                                                       n_thinned == 1 ? "" : "s"));
     }
   }
   for (const View& view : data.views) {
