@@ -58,11 +58,12 @@ Status scan_all(const std::vector<CameraImages>& cameras, const VideoOptions& op
   return {};
 }
 
-/// The container of a whole video promises what it holds, to a frame or two; a cut one promises more.
+/// The container of a whole video promises about what it holds (some reckon it from the duration); a cut one
+/// promises more.
 std::optional<std::string> cut_note(const std::string& name, const VideoScan& scan) {
   const int n = static_cast<int>(scan.sharpness.size()), missing = scan.frames_promised - n;
-  if (missing <= std::max(2, scan.frames_promised / 100)) return std::nullopt;
-  return fmt::format("{} promises {} frames and {} can be decoded: it may be cut or damaged", name,
+  if (missing <= std::max(2, scan.frames_promised / 10)) return std::nullopt;
+  return fmt::format("{} promises {} frames, of which {} can be decoded: it may be cut or damaged", name,
                      scan.frames_promised, n);
 }
 

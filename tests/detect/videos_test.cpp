@@ -96,7 +96,8 @@ TEST(DetectVideos, CutVideosAreNamed) {
   const auto images = sample_videos({video_of("a", dir / "a.avi")}, {.every = 5});
   ASSERT_TRUE(images) << images.error().text();
   EXPECT_LT(images->front().files.size(), 4U);
-  EXPECT_THAT(images->front().notes, testing::Contains(testing::HasSubstr("a.avi promises 20 frames and")));
+  EXPECT_THAT(images->front().notes,
+              testing::Contains(testing::HasSubstr("a.avi promises 20 frames, of which")));
 }
 
 /// A data set of two cameras and four frames of the same three corners, each frame moved by so much.
