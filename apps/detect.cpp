@@ -54,11 +54,11 @@ std::string text_of_views(const Dataset& data) {
                                          : fmt::format("; {} near-duplicate{} left out", n_thinned,
                                                        n_thinned == 1 ? "" : "s"));
     }
-  }
-  for (const View& view : data.views) {
-    if (view.reason.empty()) continue;
-    text += fmt::format("  {}{}: {}\n", view.image, several ? ", " + data.targets[view.target].name : "",
-                        view.reason);
+    for (const View& view : data.views) {
+      if (view.cam != static_cast<int>(cam) || view.reason.empty()) continue;
+      text += fmt::format("  {}{}: {}\n", view.image, several ? ", " + data.targets[view.target].name : "",
+                          view.reason);
+    }
   }
   return text;
 }
