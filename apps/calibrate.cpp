@@ -7,6 +7,7 @@
 #include "args.hpp"
 #include "calibrate_effects.hpp"
 #include "calibrate_inputs.hpp"
+#include "calibrate_look.hpp"
 #include "calibrate_report.hpp"
 #include "calibrate_start.hpp"
 #include "plumbline/io/calibration_io.hpp"
@@ -23,7 +24,7 @@ struct Options {
   std::string output;
   std::string lens, loss = "squared", outliers = "auto";
   double loss_scale_px = 1.0, outlier_sigma = 5.0, max_rms_px = 0;
-  bool use_sigma = false;
+  bool use_sigma = false, no_second_look = false;
   EffectArgs effects;
 };
 
@@ -61,7 +62,14 @@ Result<int> run(const Options& o, const Common& common) {
   const auto solve_start = Clock::now();
   auto calibration = problem->start ? refine(*problem->start, options) : calibrate(problem->data, options);
   if (!calibration) return calibration.error();
-  const double solve_s = seconds_since(solve_start);
+  std::optional<LookReport> look;
+  if (!o.no_second_look && can_look_again(o.inputs, !o.start.earlier.empty())) {
+    auto report =
+        look_and_solve(problem->observed.images, options, problem->start.has_value(), common, *calibration);
+    if (!report) return report.error();
+    look = *std::move(report);
+  }
+  const double look_s = look ? look->seconds : 0, solve_s = seconds_since(solve_start) - look_s;
   calibration->provenance.version = PLUMBLINE_VERSION;
 
   const Status written =
@@ -73,9 +81,12 @@ Result<int> run(const Options& o, const Common& common) {
   if (!written) return written.error();
 
   Json json = json_of_calibration(*calibration);
-  json["notes"] = problem->notes;
-  json["seconds"] = {{"detect", detect_s}, {"solve", solve_s}, {"all", seconds_since(start)}};
-  std::string text = text_of_notes(problem->notes) + text_of_calibration(*calibration);
+  json["notes"] = problem->observed.notes;
+  if (look) add_look(*look, *calibration, json);
+  json["seconds"] = {
+      {"detect", detect_s}, {"second_look", look_s}, {"solve", solve_s}, {"all", seconds_since(start)}};
+  std::string text = text_of_notes(problem->observed.notes) + text_of_calibration(*calibration);
+  if (look) text += text_of_look(*look, *calibration);
   text += fmt::format("written: {0}/calibration.yaml, {0}/corners.yaml\n", o.output);
   const bool missed = o.max_rms_px > 0 && !(calibration->stats.rms_px <= o.max_rms_px);
   if (missed)
@@ -106,6 +117,10 @@ void add_calibrate(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--outlier-sigma", o->outlier_sigma, "how far off, in robust standard deviations")
       ->check(positive());
   app.add_flag("--use-sigma", o->use_sigma, "weight each corner by its own sigma");
+  app.add_flag(
+      "--no-second-look", o->no_second_look,
+      "with images: use the corners of the first search alone. Else the images are searched again where "
+      "the first calibration puts corners that are missing, and centres of circles are freed of their bias");
   add_effect_options(app, o->effects);
   app.add_option("--max-rms", o->max_rms_px, "exit with 3 when the rms is above this [px]")
       ->check(positive());

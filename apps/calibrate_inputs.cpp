@@ -140,8 +140,7 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 namespace {
 
-Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common,
-                                   std::vector<std::string>& notes) {
+Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common, Observed& observed) {
   if (!in.corners.empty()) return load_corners(in);
   auto targets =
       in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
@@ -153,15 +152,15 @@ Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& comm
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
   options.thin_px = in.thin_px;
-  options.note = [&](const std::string& note) { notes.push_back(note); };
+  observed.images = *images;
+  options.note = [&](const std::string& note) { observed.notes.push_back(note); };
   return detect_dataset(*images, *targets, options);
 }
 
 }  // namespace
 
-Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common,
-                                  std::vector<std::string>& notes) {
-  auto data = load_without_times(in, common, notes);
+Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common, Observed& observed) {
+  auto data = load_without_times(in, common, observed);
   if (!data) return data;
   if (Status s = add_times(in.times, *data); !s) return s.error();
   return data;

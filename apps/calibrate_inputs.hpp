@@ -23,9 +23,13 @@ struct CalibrateInputs {
 /// Wrong usage of the options together, before any file is touched.
 void check_usage(const CalibrateInputs& inputs);
 void add_input_options(CLI::App& app, CalibrateInputs& inputs);
-/// \param notes  what is to be said of the images is added here
-Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common,
-                                  std::vector<std::string>& notes);
+
+/// The images that corners were found in; none with corners files.
+struct Observed {
+  std::vector<CameraImages> images;
+  std::vector<std::string> notes;  ///< what is to be said of them
+};
+Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common, Observed& observed);
 
 /// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera. A camera that it does not name has
 /// an empty one where there is a start, whose lens it keeps; otherwise that is wrong usage.

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "args.hpp"
+#include "calibrate_look.hpp"
 #include "draw.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/io/dataset_io.hpp"
@@ -15,7 +16,7 @@ namespace plumbline::apps {
 namespace {
 
 struct Options {
-  std::string output, draw;
+  std::string output, draw, calibration;
   std::vector<std::string> targets, cams;
   std::string pair_by = "name";
   int every = 15;
@@ -90,6 +91,12 @@ Result<int> run(const Options& o, const Common& common) {
   options.note = [&](const std::string& note) { notes.push_back(note); };
   auto data = detect_dataset(*images, *targets, options);
   if (!data) return data.error();
+  std::optional<LookReport> look;
+  if (!o.calibration.empty()) {
+    auto report = look_with(o.calibration, *images, common, *data);
+    if (!report) return report.error();
+    look = *std::move(report);
+  }
   const std::string bytes = as_vnl ? format_vnl(*data, 0) : format_corners(*data);
   if (Status s = write_file(o.output, bytes, common.force); !s) return s.error();
   if (!o.draw.empty()) {
@@ -106,6 +113,10 @@ Result<int> run(const Options& o, const Common& common) {
             {"notes", notes},
             {"views", json_of_views(*data)}};
   std::string text = text_of_notes(notes) + text_of_views(*data);
+  if (look) {
+    add_look(*look, *data, json);
+    text += text_of_look(*look, *data);
+  }
   text += fmt::format("{}\nwritten: {}\n", data->detector, o.output);
   if (!o.draw.empty()) text += fmt::format("drawn: {0}/CAMERA/, {0}/contact_sheet.png\n", o.draw);
   if (Status s = print_result(common, json, text); !s) return s.error();
@@ -127,6 +138,11 @@ void add_detect(CLI::App& app, const Common& common, int& exit_code) {
   app.add_option("--draw,--overlay", o->draw,
                  "folder for the images with ids, corners and sigmas drawn into them, and a contact sheet of "
                  "all images");
+  app.add_option(
+         "--calibration", o->calibration,
+         "cameras that are known, in any known format: the images are searched again where they put corners "
+         "that are missing, and centres of circles are freed of their bias")
+      ->check(CLI::ExistingPath);
   on_run(app, exit_code, [o, &common] { return run(*o, common); });
 }
 

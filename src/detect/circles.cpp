@@ -8,25 +8,16 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "detect/disc_fit.hpp"
 #include "detect/finders.hpp"
 #include "detect/lattice_order.hpp"
+#include "detect/outline.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
+#include "plumbline/core/linalg.hpp"
 
 namespace plumbline::detail {
 namespace {
-
-/// The centroid of n = pi r^2 pixels of noise s / contrast has the error s / contrast sqrt(n r^2 / 4) / n =
-/// s / contrast / (2 sqrt pi), whatever the radius; times two for the blurred rim, set like kSystematic on
-/// rendered boards (docs/detect.md).
-constexpr double kNoiseGain = 0.56, kSystematic = 0.015;
-
-/// Grey-level moments of a dark disc.
-struct Disc {
-  Vec2 centre;
-  double area = 0;      ///< [px^2]
-  double contrast = 0;  ///< grey levels between paper and ink
-};
 
 Vec2 board_point(const Circles& b, int i) {
   const int c = i % b.columns, r = i / b.columns;
@@ -120,54 +111,108 @@ double misfit(const Circles& board, const std::vector<Vec2>& px) {
   return worst;
 }
 
-/// The disc about `start`: area-weighted mean of the ink, where each pixel counts by how dark it is between
-/// the local paper and ink. A blurred edge keeps its first moment, so blur and sampling do not move the
-/// centre.
-std::optional<Disc> measure(const cv::Mat& grey, const Vec2& start, double radius) {
-  const int n = static_cast<int>(std::ceil(radius)) + 1;
-  if (start.x() < n || start.y() < n || start.x() > grey.cols - 1 - n || start.y() > grey.rows - 1 - n)
-    return std::nullopt;
-  const int x0 = static_cast<int>(std::lround(start.x())), y0 = static_cast<int>(std::lround(start.y()));
-  std::vector<int> inner, outer;
-  for (int y = y0 - n; y <= y0 + n; ++y) {
-    if (y < 0 || y >= grey.rows) return std::nullopt;
-    for (int x = x0 - n; x <= x0 + n; ++x) {
-      if (x < 0 || x >= grey.cols) return std::nullopt;
-      const double d = (Vec2(x, y) - start).norm();
-      if (d <= radius) (d > radius - 2 ? outer : inner).push_back(grey.at<unsigned char>(y, x));
+/// The image of the board around circle i: the plane of its neighbours, and a quadratic for what that leaves,
+/// since a lens is no homography. Neighbours within two steps, or more where that is less than a dozen.
+struct LocalMap {
+  Mat3 H;
+  Eigen::Matrix<double, 2, 6> q = Eigen::Matrix<double, 2, 6>::Zero();  ///< of 1, x, y, x^2, xy, y^2
+};
+
+std::optional<LocalMap> local_map(const Circles& board, const std::vector<Vec2>& px, int i) {
+  const Vec2 centre = board_point(board, i);
+  std::vector<Vec2> from, to;
+  for (double reach = 2; reach < 5 && from.size() < 12; ++reach) {
+    from.clear(), to.clear();
+    for (std::size_t k = 0; k < px.size(); ++k) {
+      const Vec2 p = board_point(board, static_cast<int>(k)) - centre;
+      if (p.lpNorm<Eigen::Infinity>() <= reach) from.push_back(p), to.push_back(px[k]);
     }
   }
-  if (inner.size() < 9 || outer.empty()) return std::nullopt;
-  std::sort(inner.begin(), inner.end());
-  std::sort(outer.begin(), outer.end());
-  const double ink = inner[inner.size() / 20], paper = outer[outer.size() / 2];
-  Disc disc{Vec2::Zero(), 0, paper - ink};
-  if (disc.contrast < 8) return std::nullopt;
-  for (int y = y0 - n; y <= y0 + n; ++y) {
-    for (int x = x0 - n; x <= x0 + n; ++x) {
-      const double d = (Vec2(x, y) - start).norm();
-      if (d > radius) continue;
-      // Below a fifth of the contrast it is the paper's noise, which far from the disc has the longest lever.
-      const double cover = (paper - grey.at<unsigned char>(y, x)) / disc.contrast;
-      const double w = cover < 0.2 ? 0 : std::min(cover, 1.0);
-      disc.area += w;
-      disc.centre += w * Vec2(x, y);
-    }
+  const auto H = fit_plane(from, to);
+  if (!H) return std::nullopt;
+  LocalMap out{*H};
+  const int n = static_cast<int>(from.size());
+  if (n < 9) return out;
+  MatX A(n, 6), rest(n, 2);
+  for (int k = 0; k < n; ++k) {
+    const Vec2& p = from[k];
+    A.row(k) << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    rest.row(k) = (to[k] - map_point(*H, p).value_or(to[k])).transpose();
   }
-  if (disc.area < 4) return std::nullopt;
-  disc.centre /= disc.area;
-  return disc;
+  for (int axis = 0; axis < 2; ++axis) {
+    if (const auto x = solve_least_squares(A, rest.col(axis))) out.q.row(axis) = x->transpose();
+  }
+  return out;
 }
 
-/// Where the centre of a circle of `area` px^2 at the plane's origin is, relative to the centroid of its
-/// image: a perspective view maps the circle to an ellipse about another point (Heikkila 2000, section 2.2).
-/// Third order in the radius, from four points of the circle's rim... solved exactly through the dual conic H
-/// diag(r^2, r^2, -1) H'.
-Vec2 perspective_shift(const Mat3& H, double area) {
-  const double r2 = area / (std::numbers::pi * std::abs(map_jacobian(H, Vec2(0, 0)).determinant()));
-  const Mat3 dual = H * Vec3(r2, r2, -1).asDiagonal() * H.transpose();
-  const Vec2 ellipse_centre = dual.col(2).head<2>() / dual(2, 2);
-  return Vec2(H.col(2).hnormalized()) - ellipse_centre;
+/// Where the centre of a circle is, relative to the centroid of its image: a perspective view maps the circle
+/// to an ellipse about another point (Heikkila 2000, section 2.2), and a lens adds to that. After a
+/// calibration circle_bias.hpp knows it better.
+Vec2 centre_shift(const LocalMap& map, double radius) {
+  constexpr int kPoints = 24;
+  const auto at = [&](const Vec2& p) {
+    Eigen::Matrix<double, 6, 1> terms;
+    terms << 1, p.x(), p.y(), p.x() * p.x(), p.x() * p.y(), p.y() * p.y();
+    return Vec2(map_point(map.H, p).value_or(Vec2::Zero()) + map.q * terms);
+  };
+  const Vec2 centre = at(Vec2::Zero());
+  OutlineSum sum(kPoints);
+  for (int i = 0; i < kPoints; ++i) {
+    const double angle = 2 * std::numbers::pi * i / kPoints;
+    const Vec2 p = radius * Vec2(std::cos(angle), std::sin(angle)), t(-p.y(), p.x());
+    Eigen::Matrix<double, 6, 1> d;
+    d << 0, t.x(), t.y(), 2 * p.x() * t.x(), p.x() * t.y() + p.y() * t.x(), 2 * p.y() * t.y();
+    sum.add(at(p) - centre, map_jacobian(map.H, p) * t + map.q * d);
+  }
+  return -sum.centroid();
+}
+
+double median(std::vector<double> v) {
+  if (v.empty()) return 0;
+  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
+  return v[v.size() / 2];
+}
+
+double radius_of(double area_px2, const Mat2& J) {
+  return std::sqrt(area_px2 / (std::numbers::pi * std::abs(J.determinant())));
+}
+
+/// Centroids of the numbered circles, with what makes centres of them. `coarse_px`: what the finder's own
+/// centres are good to, for those that have no clear outline.
+std::vector<Corner> measure(const cv::Mat& grey, const Circles& board, std::vector<Vec2> px,
+                            double coarse_px) {
+  const double noise = noise_level(grey, bounding_box(px, grey));
+  const double nearest = board.asymmetric ? std::numbers::sqrt2 : 1;  // board units
+  const int n = static_cast<int>(px.size());
+  std::vector<std::optional<Mat2>> J(px.size());
+  std::vector<double> radii;
+  for (int i = 0; i < n; ++i) {
+    const auto H = local_plane(board, px, i, 2);
+    if (!H) continue;
+    J[i] = map_jacobian(*H, Vec2(0, 0));
+    const DarkBlob blob = dark_blob(grey, px[i], 0.5 * nearest * least_stretch(*J[i]));
+    if (blob.area_px2 > 0) radii.push_back(radius_of(blob.area_px2, *J[i]));
+  }
+  double radius = std::min(median(radii), 0.45 * nearest);  // all circles of a board have one size
+  std::vector<std::optional<DiscFit>> fits(px.size());
+  radii.clear();
+  for (int i = 0; i < n && radius > 0; ++i) {
+    if (!J[i]) continue;
+    const double stretch = least_stretch(*J[i]);
+    fits[i] = fit_disc(
+        grey, {px[i], *J[i], radius, (nearest / 2 - radius) * stretch, 0.2 * nearest * stretch}, noise);
+    if (!fits[i]) continue;
+    px[i] = fits[i]->centroid;
+    radii.push_back(radius_of(fits[i]->area_px2, *J[i]));
+  }
+  radius = median(radii);
+  std::vector<Corner> out;
+  for (int i = 0; i < n; ++i) {
+    const auto map = fits[i] && radius > 0 ? local_map(board, px, i) : std::nullopt;
+    const Vec2 shift = map ? centre_shift(*map, radius) : Vec2::Zero();
+    out.push_back({i, px[i] + shift, fits[i] ? fits[i]->sigma_px : coarse_px});
+  }
+  return out;
 }
 
 std::optional<LatticePoints> number(const Circles& board, const LatticePoints& found) {
@@ -195,26 +240,8 @@ Detection detect_circles(const cv::Mat& grey, const Circles& board) {
             fmt::format("what looked like a {} is none: neighbouring circles do not fit the grid", name);
         continue;
       }
-      std::vector<Vec2> centres = numbered->px;
-      std::vector<double> sigma(centres.size(), 0.5 / std::min(1.0, scale)), area(centres.size(), 0);
-      const double noise = noise_level(grey, bounding_box(centres, grey));
-      for (std::size_t i = 0; i < centres.size(); ++i) {
-        double nearest = 1e9;
-        for (std::size_t k = 0; k < centres.size(); ++k)
-          if (k != i) nearest = std::min(nearest, (numbered->px[k] - numbered->px[i]).norm());
-        const auto disc = measure(grey, numbered->px[i], nearest / 2);
-        if (!disc || (disc->centre - numbered->px[i]).norm() > 0.2 * nearest) continue;
-        centres[i] = disc->centre;
-        area[i] = disc->area;
-        sigma[i] = std::hypot(kNoiseGain * noise / disc->contrast, kSystematic);
-      }
-      for (std::size_t i = 0; i < centres.size(); ++i) {
-        const auto H = area[i] > 0 ? local_plane(board, numbered->px, static_cast<int>(i), 2) : std::nullopt;
-        const Vec2 shift = H ? perspective_shift(*H, area[i]) : Vec2::Zero();
-        out.corners.push_back({static_cast<int>(i), centres[i] + shift, sigma[i]});
-      }
-      out.method =
-          flags == 0 ? "findCirclesGrid, grey moments" : "findCirclesGrid (clustering), grey moments";
+      out.corners = measure(grey, board, numbered->px, 0.5 / std::min(1.0, scale));
+      out.method = flags == 0 ? "findCirclesGrid, centroids" : "findCirclesGrid (clustering), centroids";
       out.reason.clear();
       return out;
     }

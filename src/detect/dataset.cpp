@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <map>
 #include <mutex>
-#include <opencv2/core.hpp>
 #include <set>
 
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
 #include "detect/orientation.hpp"
+#include "detect/single_threaded.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/detect/detect.hpp"
 #include "plumbline/image/image.hpp"
@@ -25,19 +25,6 @@ struct Job {
   ImageSize size;
   int orientation = 1;  ///< EXIF's
   std::optional<Result<Detection>> found;
-};
-
-/// OpenCV's own threads inside ours would only fight for the cores. Its setting is for the whole process, so
-/// it is put back; it changes no result.
-class OpenCvSingleThreaded {
- public:
-  OpenCvSingleThreaded() : before_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~OpenCvSingleThreaded() { cv::setNumThreads(before_); }
-  OpenCvSingleThreaded(const OpenCvSingleThreaded&) = delete;
-  OpenCvSingleThreaded& operator=(const OpenCvSingleThreaded&) = delete;
-
- private:
-  int before_;
 };
 
 void search(const Result<Photograph>& photograph, const std::string& name, const Target& target, Job& job) {
@@ -245,7 +232,7 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const s
   int done = 0;
   std::vector<std::string> layout_remarks;
   {
-    const OpenCvSingleThreaded guard;
+    const detail::OpenCvSingleThreaded guard;
     const auto look = [&](int i, const Result<Photograph>& photograph) {
       for (std::size_t t = 0; t < targets.size(); ++t) {
         Job& job = jobs[static_cast<std::size_t>(i) * targets.size() + t];
