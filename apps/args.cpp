@@ -57,7 +57,9 @@ std::string fault_of_cam(const std::string& argument) {
 }  // namespace
 
 CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams) {
-  return app.add_option("--cam", cams, "NAME=GLOB, once per camera; quote the pattern")
+  return app
+      .add_option("--cam", cams,
+                  "NAME=GLOB, once per camera: images or videos, a pattern in quotes or a folder")
       ->allow_extra_args(false)
       ->check(CLI::Validator(fault_of_cam, "NAME=GLOB"));
 }
