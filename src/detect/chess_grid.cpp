@@ -7,11 +7,14 @@
 #include <array>
 #include <cmath>
 
+#include "detect/chess_ends.hpp"
+
 namespace plumbline::detail {
 namespace {
 
 constexpr double kHoles = 0.15;      ///< share of the corners in the box of those found that may be missing
 constexpr double kMinShare = 0.2;    ///< of the board that has to be seen
+constexpr int kMinPart = 20;         ///< corners of a part: texture makes lattices of a few
 constexpr double kSparseRim = 0.35;  ///< a rim of the lattice with fewer of its nodes is no part of the board
 
 double cross(const Vec2& a, const Vec2& b) { return a.x() * b.y() - a.y() * b.x(); }
@@ -223,25 +226,6 @@ Vec2 curvature_at(const ChessGrid& grid, int c, int r) {
   return out;
 }
 
-bool has_kept_its_rims(const ChessGrid& before, const ChessGrid& after) {
-  const auto on_line = [](const ChessGrid& grid, bool is_column, int at) {
-    int n = 0;
-    for (int k = 0; k < (is_column ? grid.rows : grid.columns); ++k)
-      n += (is_column ? grid.at(at, k) : grid.at(k, at)) ? 1 : 0;
-    return n;
-  };
-  for (const bool is_column : {false, true}) {
-    const int lines = is_column ? before.columns : before.rows;
-    int first = 0, last = lines - 1;
-    while (first < last && on_line(before, is_column, first) == 0) ++first;
-    while (last > first && on_line(before, is_column, last) == 0) --last;
-    for (const int at : {first, last}) {
-      if (2 * on_line(after, is_column, at) < on_line(before, is_column, at)) return false;
-    }
-  }
-  return true;
-}
-
 std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode>& all,
                                                    const std::vector<Saddle>& saddles,
                                                    const Chessboard& board, cv::Size image) {
@@ -260,6 +244,13 @@ std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode
     return fmt::format("a lattice of {}x{} corners that do not end where the board's do", box.width(),
                        box.height());
   }
+  if (static_cast<int>(nodes.size()) < kMinPart)
+    std::erase_if(found, [](const Placement& p) { return !p.is_whole; });
+  if (found.empty())
+    return fmt::format("{} of {} corners found, too few to tell a part of a board", nodes.size(),
+                       board.columns * board.rows);
+  if (!has_even_steps(found[0].grid))
+    return fmt::format("a lattice of {}x{} corners that are not evenly spaced", box.width(), box.height());
   if (found.size() == 1) return found[0].grid;
   if (std::any_of(found.begin(), found.end(), [](const Placement& p) { return !p.is_whole; }))
     return fmt::format("{} of {} corners found, and nothing tells which", nodes.size(),

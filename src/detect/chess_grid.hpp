@@ -48,8 +48,4 @@ std::variant<ChessGrid, std::string> place_lattice(const std::vector<LatticeNode
                                                    const std::vector<Saddle>& saddles,
                                                    const Chessboard& board, cv::Size image);
 
-/// Whether the outermost rows and columns of `before` are still there after the corners' fit. Where one is
-/// not, it was clutter, and what the board's ends said about its numbering is void.
-bool has_kept_its_rims(const ChessGrid& before, const ChessGrid& after);
-
 }  // namespace plumbline::detail

@@ -21,7 +21,8 @@ constexpr double kStray = 0.16;  ///< of the way between two neighbours: off the
 /// A step between neighbouring fields that is so much smaller than most counts as none; so many of them may
 /// be (glare, marks inside of squares).
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
-constexpr double kFaint = 0.35;  ///< of the median contrast
+constexpr double kMuchMore = 1.3;  ///< nodes of a lattice that was refused
+constexpr double kFaint = 0.35;    ///< of the median contrast
 
 /// The image and its halves, the smallest first.
 std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
@@ -96,6 +97,40 @@ bool overlap(const ChessGrid& a, const ChessGrid& b, double near_px) {
     return p && std::any_of(b.px.begin(), b.px.end(),
                             [&](const auto& q) { return q && (*p - *q).norm() < near_px; });
   });
+}
+
+/// The largest lattice that was no board: what a finer level sees of it is none either.
+struct Refused {
+  std::vector<Vec2> px;  ///< of the whole image
+  void add(const std::vector<LatticeNode>& nodes, const std::vector<Saddle>& saddles, double ratio) {
+    if (nodes.size() <= px.size()) return;
+    px.clear();
+    for (const LatticeNode& n : nodes)
+      px.emplace_back((saddles[static_cast<std::size_t>(n.saddle)].px + Vec2(0.5, 0.5)) * ratio -
+                      Vec2(0.5, 0.5));
+  }
+  /// Whether a grid of the image's level lies within it and has much less of it.
+  bool is_part(const ChessGrid& grid, double ratio) const {
+    if (static_cast<double>(px.size()) < kMuchMore * grid.count()) return false;
+    int shared = 0;
+    for (const auto& p : grid.px) {
+      if (!p) continue;
+      const Vec2 at = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
+      shared += std::any_of(px.begin(), px.end(), [&](const Vec2& q) { return (q - at).norm() < 6 * ratio; })
+                    ? 1
+                    : 0;
+    }
+    return 2 * shared > grid.count();
+  }
+};
+
+/// Diagonal of the box around the corners.
+double extent(const ChessGrid& grid) {
+  Vec2 low = Vec2::Constant(1e30), high = Vec2::Constant(-1e30);
+  for (const auto& p : grid.px) {
+    if (p) low = low.cwiseMin(*p), high = high.cwiseMax(*p);
+  }
+  return (high - low).norm();
 }
 
 /// Whether there are enough saddles as strong as those of a lattice for a second board.
@@ -184,6 +219,7 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;
   const int all = board.columns * board.rows;
   const auto pyramid = pyramid_of(grey);
+  Refused refused;
   for (std::size_t level = 0; level < pyramid.size(); ++level) {
     const cv::Mat& image = pyramid[level];
     const double ratio = std::exp2(static_cast<double>(pyramid.size() - 1 - level));
@@ -195,16 +231,25 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
       if (auto* why = std::get_if<std::string>(&placed)) {
         if (nodes.size() > largest) out.reason = std::move(*why);
         largest = std::max(largest, nodes.size());
+        refused.add(nodes, saddles, ratio);
         return false;
       }
       auto& grid = std::get<ChessGrid>(placed);
+      if (grid.count() < all && refused.is_part(grid, ratio)) {
+        out.reason = fmt::format("part of a larger board than {}x{}", board.columns, board.rows);
+        return false;
+      }
       const bool is_worth_a_look = grid.count() > out.grid.count() || 2 * grid.count() > all;
       if (!is_worth_a_look || !fields_alternate(image, grid)) return false;
       for (auto& p : grid.px) {
         if (p) p = (*p + Vec2(0.5, 0.5)) * ratio - Vec2(0.5, 0.5);
       }
-      out.is_twice = out.is_twice ||
-                     (grid.count() == all && out.grid.count() == all && !overlap(grid, out.grid, 3 * ratio));
+      if (grid.count() == all && out.grid.count() == all && !overlap(grid, out.grid, 3 * ratio)) {
+        // One on a screen or a poster in the background is not the one that is held up.
+        const double ratio_of_sizes = extent(grid) / extent(out.grid);
+        out.is_twice = ratio_of_sizes > 0.5 && ratio_of_sizes < 2;
+        if (ratio_of_sizes >= 2) out.grid = grid, out.scale = 1 / ratio;
+      }
       if (grid.count() > out.grid.count()) {
         out.grid = std::move(grid);
         out.scale = 1 / ratio;
@@ -262,7 +307,8 @@ std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid,
           if (bent) best = *bent;
         }
       }
-      corners.push_back({r * grid.columns + c, best.px, best.sigma_px});
+      corners.push_back({r * grid.columns + c, best.px, best.sigma_px, best.contrast,
+                         best.misfit / std::abs(best.contrast)});
     }
   }
   return corners;

@@ -25,6 +25,8 @@ struct ChessCorner {
   int point = 0;
   Vec2 px;
   double sigma_px = 0;
+  double contrast = 0;  ///< as SaddleFit's
+  double misfit = 0;    ///< what the fit leaves, of the contrast
 };
 std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise);
 

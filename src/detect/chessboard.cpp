@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include <algorithm>
+
+#include "detect/chess_ends.hpp"
 #include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
 #include "detect/subpixel.hpp"
@@ -8,11 +11,21 @@
 namespace plumbline::detail {
 namespace {
 
+/// Of the contrast; photographs of screens and much noise reach 0.3.
+constexpr double kMostMisfit = 0.45;
+
 Detection found(const std::vector<ChessCorner>& corners, const char* method) {
   Detection out;
   for (const ChessCorner& c : corners) out.corners.push_back({c.point, c.px, c.sigma_px});
   out.method = method;
   return out;
+}
+
+/// Single corners may leave much (glare, marks); most of a board's do not.
+bool look_like_corners(const std::vector<ChessCorner>& corners) {
+  const auto clear = std::count_if(corners.begin(), corners.end(),
+                                   [](const ChessCorner& c) { return c.misfit < kMostMisfit; });
+  return 2 * static_cast<std::size_t>(clear) > corners.size();
 }
 
 }  // namespace
@@ -46,7 +59,12 @@ Detection detect_chessboard(const cv::Mat& grey, const Chessboard& board) {
                                board.columns * board.rows);
       return out;
     }
-    if (5 * corners.size() >= 4 * px.size()) return found(corners, "saddle fit");
+    if (goes_on(grey, fitted, corners, noise)) {
+      out.reason = fmt::format("part of a larger board than {}x{}", board.columns, board.rows);
+      return out;
+    }
+    if (5 * corners.size() >= 4 * px.size() && look_like_corners(corners))
+      return found(corners, "saddle fit");
   }
   out.reason = fmt::format("no {}x{} chessboard found in {}x{} pixels", board.columns, board.rows, grey.cols,
                            grey.rows);
