@@ -105,8 +105,11 @@ void ContactSheet::lay_out() {
     for (std::size_t i = 0; i < count.size(); ++i) {
       if (count[i] > 0) text += fmt::format(", {} {}", count[i], name_of(static_cast<Outcome>(i)));
     }
-    const int heading = new_row(kHeading);
-    headings_.push_back({page, heading, text});
+    const auto head = [&] {
+      const int at = new_row(kHeading);  // which may be on a new page
+      headings_.push_back({page, at, text});
+    };
+    head();
     cells_.emplace_back();
     const cv::Size size = small_size(data_.cameras[cam].size);
     for (std::size_t i = 0; i < images_[cam].files.size(); i += kColumns) {
@@ -117,6 +120,7 @@ void ContactSheet::lay_out() {
         const std::string said = text_of_outcome(views_[cam][k], data_);
         n_lines = std::max(n_lines, 1 + wrap_text(said, kText, kPictureWidth, kMostLines).size());
       }
+      if (rows == kMostRows) head();
       const int row = new_row(size.height + static_cast<int>(n_lines) * kLine + 2 * kGap);
       ++rows;
       for (std::size_t k = i; k < end; ++k) {
