@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "detect/rendered_scene.hpp"
 #include "plumbline/detect/second_look.hpp"
+#include "plumbline/geometry/so3.hpp"
 #include "plumbline/refine/refine.hpp"
 
 namespace plumbline::test {
@@ -15,6 +17,7 @@ namespace {
 struct Row {
   double mean_error_px = 0, rms_error_px = 0, ratio = 0;  ///< of corners; error / sigma
   double focal = 0, centre_px = 0;                        ///< of the lens: relative, and px
+  double pose_deg = 0;                                    ///< RMS turn of a board against the truth
   double projection_px = 0, rms_px = 0;
   int rounds = 0;
 };
@@ -37,6 +40,12 @@ Row row_of(const RenderedScene& scene, const Dataset& data, const Calibration& c
   const auto k = params(cal.rig.cameras[0].lens), truth = params(scene.truth.rig.cameras[0].lens);
   row.focal = k[0] / truth[0] - 1;
   row.centre_px = std::hypot(k[2] - truth[2], k[3] - truth[3]);
+  for (std::size_t f = 0; f < cal.T_rig_board.size(); ++f) {
+    if (!cal.T_rig_board[f]) continue;
+    const Mat3 R = cal.T_rig_board[f]->R() * scene.truth.T_rig_board[f]->R().transpose();
+    row.pose_deg += so3_log(R).squaredNorm() / static_cast<double>(cal.T_rig_board.size());
+  }
+  row.pose_deg = std::sqrt(row.pose_deg) * 180 / std::numbers::pi;
   row.projection_px = projection_error_px(scene, 0, cal);
   row.rms_px = cal.stats.rms_px;
   return row;
@@ -104,16 +113,17 @@ TEST(CircleBias, TheSecondLookTakesItOut) {
 TEST(CircleBias, DISABLED_GainTable) {
   fmt::print(
       "| lens | circles | centres | RMS error [px] | error / sigma | focal length | centre [px] | "
-      "projections, RMS [px] | rms [px] |\n");
-  fmt::print("|---|---|---|---|---|---|---|---|---|\n");
+      "boards turned [deg] | projections, RMS [px] | rms [px] |\n");
+  fmt::print("|---|---|---|---|---|---|---|---|---|---|\n");
   for (const auto& [lens, fov] :
        {std::pair{"opencv5", 50.0}, {"opencv5", 75.0}, {"opencv8", 110.0}, {"kb4", 140.0}, {"kb4", 180.0}}) {
     for (const Circles& board : {Circles{9, 7, 0.03}, Circles{4, 11, 0.02, 0, true}}) {
       const Gain g = gain(lens, fov, board, 15, {1280, 960}, 2);
       const auto print = [&](const char* how, const Row& r) {
-        fmt::print("| {} {:.0f} deg | {} | {} | {:.4f} | {:.2f} | {:+.4f} % | {:.3f} | {:.4f} | {:.4f} |\n",
-                   lens, fov, board.asymmetric ? "4x11 asymmetric" : "9x7", how, r.rms_error_px, r.ratio,
-                   100 * r.focal, r.centre_px, r.projection_px, r.rms_px);
+        fmt::print(
+            "| {} {:.0f} deg | {} | {} | {:.4f} | {:.2f} | {:+.4f} % | {:.3f} | {:.4f} | {:.4f} | {:.4f} |\n",
+            lens, fov, board.asymmetric ? "4x11 asymmetric" : "9x7", how, r.rms_error_px, r.ratio,
+            100 * r.focal, r.centre_px, r.pose_deg, r.projection_px, r.rms_px);
       };
       print("centroids", g.centroid);
       print("first look", g.first);
