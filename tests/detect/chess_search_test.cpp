@@ -96,6 +96,21 @@ TEST(ChessSearch, RimsHaveToStay) {
   EXPECT_TRUE(detail::has_kept_its_rims(before, after));
 }
 
+// The corners of a 10x7 board are searched for around a part of them, and around all.
+TEST(ChessSearch, PartsGoOn) {
+  const Photograph p = photograph({10, 7, 0.03}, 0);
+  for (const auto& [c0, r0, columns, rows] :
+       {std::array{0, 0, 10, 7}, {1, 0, 9, 7}, {0, 0, 9, 7}, {0, 1, 10, 6}, {0, 0, 10, 6}}) {
+    detail::ChessGrid grid(columns, rows);
+    for (int r = 0; r < rows; ++r) {
+      for (int c = 0; c < columns; ++c)
+        grid.at(c, r) = p.camera.px_of(p.target.points[static_cast<std::size_t>((r + r0) * 10 + c + c0)]);
+    }
+    const auto corners = detail::refine_grid(p.image, grid, 1, 2);
+    EXPECT_EQ(detail::goes_on(p.image, grid, corners, 2), columns * rows < 70) << c0 << r0 << columns << rows;
+  }
+}
+
 // Seen at 60 degrees, dark, and with squares of 10 px.
 TEST(ChessSearch, HardViews) {
   const Chessboard board{10, 7, 0.03};

@@ -94,5 +94,19 @@ TEST(NeverFooled, ChessboardsOfOtherCounts) {
   EXPECT_GT(searched, 400);
 }
 
+// A 13x9 board looks the same after a half turn. In these photographs one of its rows is outside of the
+// image, and what lies beside its other end must not be taken for it.
+TEST(NeverFooled, SymmetricBoardsHalfOut) {
+  const Target target = *make_target(Chessboard{13, 9, 0.025});
+  for (const std::string camera : {"left", "middle", "right"}) {
+    const auto folder = data_dir("boofcv_calibration/trinocular/" + camera);
+    PLUMBLINE_NEEDS(folder);
+    for (const std::string number : {"25", "27"}) {
+      const cv::Mat grey = *read_image_grey(*folder / (camera + number + ".jpg"));
+      EXPECT_TRUE(detect_target(grey, target)->corners.empty()) << camera << number;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace plumbline::test
