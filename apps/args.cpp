@@ -57,7 +57,9 @@ std::string fault_of_cam(const std::string& argument) {
 }  // namespace
 
 CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams) {
-  return app.add_option("--cam", cams, "NAME=GLOB, once per camera; quote the pattern")
+  return app
+      .add_option("--cam", cams,
+                  "NAME=GLOB, once per camera: images or videos, a pattern in quotes or a folder")
       ->allow_extra_args(false)
       ->check(CLI::Validator(fault_of_cam, "NAME=GLOB"));
 }
@@ -82,7 +84,24 @@ std::vector<CamArg> parse_cams(const std::vector<std::string>& arguments) {
   return cams;
 }
 
-Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order) {
+CLI::Option* add_every_option(CLI::App& app, int& every) {
+  return app
+      .add_option("--every", every,
+                  fmt::format("of videos, the sharpest frame of every N (default: {})", every))
+      ->check(CLI::Range(1, 1'000'000));
+}
+
+CLI::Option* add_thin_option(CLI::App& app, std::optional<double>& thin_px) {
+  return app
+      .add_option("--thin", thin_px,
+                  fmt::format("leave frames out whose corners all lie within PX of an earlier one's; 0: none "
+                              "(default: {:g} of the diagonal for videos, none for images)",
+                              kThinFraction))
+      ->check(between(0.0, 1000.0));
+}
+
+Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order, int every,
+                                              const Common& common) {
   std::vector<CameraImages> all;
   for (const CamArg& cam : parse_cams(cams)) {
     auto matches = glob_files(cam.pattern);
@@ -105,7 +124,18 @@ Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& ca
     }
     all.push_back(std::move(images));
   }
-  return all;
+  Progress progress("reading videos, frame", common);
+  VideoOptions options;
+  options.every = every;
+  options.n_threads = common.n_threads;
+  options.progress = [&](int done, int n) { progress(done, n); };
+  return sample_videos(std::move(all), options);
+}
+
+std::string text_of_notes(const std::vector<std::string>& notes) {
+  std::string text;
+  for (const std::string& note : notes) text += "note: " + note + "\n";
+  return text;
 }
 
 namespace {

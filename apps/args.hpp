@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,9 +39,19 @@ CLI::Option* add_cam_option(CLI::App& app, std::vector<std::string>& cams);
 /// Declares --target, which may be repeated where several boards are in the images.
 CLI::Option* add_target_option(CLI::App& app, std::vector<std::string>& targets);
 
+/// Declares --every, which frames of videos are taken.
+CLI::Option* add_every_option(CLI::App& app, int& every);
+
+/// Declares --thin, which frames are near-duplicates (thin_near_duplicates()).
+CLI::Option* add_thin_option(CLI::App& app, std::optional<double>& thin_px);
+
 /// The images of --cam arguments with their frame keys; `by_order` matches frames of several cameras by
-/// position.
-Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order);
+/// position. Of videos the sharpest frame of each window of `every` (sample_videos()).
+Result<std::vector<CameraImages>> find_images(const std::vector<std::string>& cams, bool by_order, int every,
+                                              const Common& common);
+
+/// One line of text for each note.
+std::string text_of_notes(const std::vector<std::string>& notes);
 
 /// A target file (ours or Kalibr's).
 Result<Target> load_target(const std::filesystem::path& file);

@@ -64,7 +64,8 @@ Result<int> run(const Options& o, const Common& common) {
   if (!calibration) return calibration.error();
   std::optional<LookReport> look;
   if (!o.no_second_look && can_look_again(o.inputs, !o.start.earlier.empty())) {
-    auto report = look_and_solve(o.inputs, options, problem->start.has_value(), common, *calibration);
+    auto report =
+        look_and_solve(problem->observed.images, options, problem->start.has_value(), common, *calibration);
     if (!report) return report.error();
     look = *std::move(report);
   }
@@ -80,10 +81,11 @@ Result<int> run(const Options& o, const Common& common) {
   if (!written) return written.error();
 
   Json json = json_of_calibration(*calibration);
+  json["notes"] = problem->observed.notes;
   if (look) add_look(*look, *calibration, json);
   json["seconds"] = {
       {"detect", detect_s}, {"second_look", look_s}, {"solve", solve_s}, {"all", seconds_since(start)}};
-  std::string text = text_of_calibration(*calibration);
+  std::string text = text_of_notes(problem->observed.notes) + text_of_calibration(*calibration);
   if (look) text += text_of_look(*look, *calibration);
   text += fmt::format("written: {0}/calibration.yaml, {0}/corners.yaml\n", o.output);
   const bool missed = o.max_rms_px > 0 && !(calibration->stats.rms_px <= o.max_rms_px);

@@ -129,6 +129,8 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
   app.add_option("--pair-by", in.pair_by,
                  "match frames of several cameras by name (what the wildcards matched) or order")
       ->check(CLI::IsMember({"name", "order"}));
+  add_every_option(app, in.every);
+  add_thin_option(app, in.thin_px);
   app.add_option("--corners", in.corners, "corners.yaml of ours, or mrcal's corners.vnl, instead of images");
   app.add_option("--image-size", in.image_size, "WIDTHxHEIGHT, with a .vnl file");
   app.add_option("--times", in.times,
@@ -138,24 +140,27 @@ void add_input_options(CLI::App& app, CalibrateInputs& in) {
 
 namespace {
 
-Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common) {
+Result<Dataset> load_without_times(const CalibrateInputs& in, const Common& common, Observed& observed) {
   if (!in.corners.empty()) return load_corners(in);
   auto targets =
       in.targets.empty() ? Result<std::vector<Target>>(in.known_targets) : load_targets(in.targets);
   if (!targets) return targets.error();
-  auto images = find_images(in.cams, in.pair_by == "order");
+  auto images = find_images(in.cams, in.pair_by == "order", in.every, common);
   if (!images) return images.error();
   Progress progress("detecting", common);
   DetectOptions options;
   options.n_threads = common.n_threads;
   options.progress = [&](int done, int all) { progress(done, all); };
+  options.thin_px = in.thin_px;
+  observed.images = *images;
+  options.note = [&](const std::string& note) { observed.notes.push_back(note); };
   return detect_dataset(*images, *targets, options);
 }
 
 }  // namespace
 
-Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common) {
-  auto data = load_without_times(in, common);
+Result<Dataset> load_observations(const CalibrateInputs& in, const Common& common, Observed& observed) {
+  auto data = load_without_times(in, common, observed);
   if (!data) return data;
   if (Status s = add_times(in.times, *data); !s) return s.error();
   return data;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,12 +16,20 @@ struct CalibrateInputs {
   std::vector<std::string> targets, cams;
   std::vector<Target> known_targets{};  ///< used where no --target is given
   std::string times{};                  ///< add_times()
+  int every = 15;                       ///< of videos
+  std::optional<double> thin_px{};      ///< thin_near_duplicates()
 };
 
 /// Wrong usage of the options together, before any file is touched.
 void check_usage(const CalibrateInputs& inputs);
 void add_input_options(CLI::App& app, CalibrateInputs& inputs);
-Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common);
+
+/// The images that corners were found in; none with corners files.
+struct Observed {
+  std::vector<CameraImages> images;
+  std::vector<std::string> notes;  ///< what is to be said of them
+};
+Result<Dataset> load_observations(const CalibrateInputs& inputs, const Common& common, Observed& observed);
 
 /// --lens: "opencv5" or "left=opencv8,right=kb4", to one lens per camera. A camera that it does not name has
 /// an empty one where there is a start, whose lens it keeps; otherwise that is wrong usage.

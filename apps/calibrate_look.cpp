@@ -168,12 +168,10 @@ bool can_look_again(const CalibrateInputs& inputs, bool has_earlier) {
   return inputs.corners.empty() && !inputs.cams.empty() && !has_earlier;
 }
 
-Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOptions& options,
+Result<LookReport> look_and_solve(const std::vector<CameraImages>& images, const RefineOptions& options,
                                   bool from_start, const Common& common, Calibration& calibration) {
   const auto begin = std::chrono::steady_clock::now();
-  auto images = find_images(inputs.cams, inputs.pair_by == "order");
-  if (!images) return images.error();
-  auto looked = look(*images, calibration, common);
+  auto looked = look(images, calibration, common);
   if (!looked) return looked;
   LookReport report = *std::move(looked);
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();

@@ -26,7 +26,7 @@ bool can_look_again(const CalibrateInputs& inputs, bool has_earlier);
 
 /// Looks again and solves again where that gave something; `calibration` becomes the result.
 /// \param from_start  whether the first solve was refine() with a given start, which the next ones then are
-Result<LookReport> look_and_solve(const CalibrateInputs& inputs, const RefineOptions& options,
+Result<LookReport> look_and_solve(const std::vector<CameraImages>& images, const RefineOptions& options,
                                   bool from_start, const Common& common, Calibration& calibration);
 
 /// `detect --calibration`: the images once more by cameras that are known, in any readable camera files; only

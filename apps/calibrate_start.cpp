@@ -85,13 +85,13 @@ Result<Calibration> load_earlier(const std::string& file) {
 }
 
 Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
-                             const Common& common) {
+                             const Common& common, Observed& observed) {
   auto earlier = load_earlier(s.earlier);
   if (!earlier) return earlier.error();
   if (s.add) {
     CalibrateInputs with_target = inputs;
     with_target.known_targets = earlier->data.targets;
-    auto more = load_observations(with_target, common);
+    auto more = load_observations(with_target, common, observed);
     if (!more) return more.error();
     auto added = add_views(*earlier, *more, s.replace);
     if (!added) return in_option(added.error(), s.replace ? "--add --replace to" : "--add to", {s.earlier});
@@ -109,7 +109,7 @@ Result<Problem> from_earlier(const CalibrateStart& s, const CalibrateInputs& inp
   if (!start) return in_option(start.error(), s.add ? "--add to" : "earlier calibration", {s.earlier});
   start->bow_m = earlier->bow_m;
   start->clocks = earlier->clocks;
-  return Problem{start->data, *start};
+  return Problem{start->data, *start, observed};
 }
 
 }  // namespace
@@ -170,10 +170,11 @@ void check_usage(const CalibrateStart& s, const CalibrateInputs& inputs) {
 
 Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inputs, const std::string& lens,
                              const Common& common) {
-  if (!s.earlier.empty()) return from_earlier(s, inputs, lens, common);
-  auto data = load_observations(inputs, common);
+  Observed observed;
+  if (!s.earlier.empty()) return from_earlier(s, inputs, lens, common, observed);
+  auto data = load_observations(inputs, common, observed);
   if (!data) return data.error();
-  if (!from_files(s)) return Problem{*std::move(data), std::nullopt};
+  if (!from_files(s)) return Problem{*std::move(data), std::nullopt, observed};
   for (const std::string& file : s.start) {
     if (auto error = corners_instead(file, "--start ")) return *error;
   }
@@ -188,7 +189,7 @@ Result<Problem> load_problem(const CalibrateStart& s, const CalibrateInputs& inp
                            .T_board0_board = {},
                            .n_threads = common.n_threads});
   if (!start) return in_option(start.error(), "--start", s.start);
-  return Problem{*std::move(data), *std::move(start)};
+  return Problem{*std::move(data), *std::move(start), observed};
 }
 
 void fill_options(const CalibrateStart& s, RefineOptions& options) {

@@ -27,6 +27,7 @@ void check_usage(const CalibrateStart& start, const CalibrateInputs& inputs);
 struct Problem {
   Dataset data;
   std::optional<Calibration> start;
+  Observed observed{};
 };
 /// \param lens  --lens as the user wrote it; empty: opencv5, or the lenses of the start
 Result<Problem> load_problem(const CalibrateStart& start, const CalibrateInputs& inputs,

@@ -21,6 +21,7 @@ struct Options {
   std::vector<std::string> calibration, cams;
   std::string pair_by = "name";
   double alpha = 0;
+  int every = 1;
   bool pairs = false;
 };
 
@@ -36,7 +37,7 @@ Result<int> run(const Options& o, const Common& common) {
   if (Status s = check_output(o.output, common); !s) return s.error();
   auto rig = load_rig(o.calibration);
   if (!rig) return rig.error();
-  auto images = find_images(o.cams, o.pair_by == "order");
+  auto images = find_images(o.cams, o.pair_by == "order", o.every, common);
   if (!images) return images.error();
   std::array<int, 2> cams{};
   for (std::size_t i = 0; i < 2; ++i) {
@@ -100,6 +101,7 @@ void add_rectify(CLI::App& app, const Common& common, int& exit_code) {
                  "calibration.yaml, or camera files of any known format, with extrinsics")
       ->required();
   add_cam_option(app, o->cams)->required();
+  add_every_option(app, o->every);
   app.add_option("--pair-by", o->pair_by, "name or order")->check(CLI::IsMember({"name", "order"}));
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(between(0.0, 1.0));

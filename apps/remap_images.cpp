@@ -6,30 +6,14 @@
 #include <algorithm>
 #include <mutex>
 #include <opencv2/imgproc.hpp>
-#include <set>
 
+#include "pictures.hpp"
 #include "plumbline/core/parallel.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/image/image.hpp"
 
 namespace plumbline::apps {
 namespace fs = std::filesystem;
-
-namespace {
-// What the pictures of a camera are called: their stems, and their frames where two stems are the same.
-std::vector<std::string> picture_names(const CameraImages& images) {
-  std::vector<std::string> names;
-  std::set<std::string> stems;
-  for (const fs::path& file : images.files) {
-    names.push_back(file.stem().string());
-    stems.insert(names.back());
-  }
-  if (stems.size() == names.size()) return names;
-  names = images.frames;
-  for (std::string& name : names) std::replace(name.begin(), name.end(), '/', '_');
-  return names;
-}
-}  // namespace
 
 Result<int> find_camera(const Rig& rig, const std::string& name, const std::string& file) {
   if (const auto cam = rig.find(name)) return *cam;
@@ -50,17 +34,17 @@ Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps&
   std::vector<Status> statuses(images.files.size());
   std::mutex lock;
   int n_done = 0;
-  parallel_for(n, common.n_threads, [&](int i) {
+  for_each_image(images.files, ReadAs::kStored, common.n_threads, [&](int i, const Result<Photograph>& read) {
     statuses[i] = [&]() -> Status {
-      auto image = read_image(images.files[i]);
-      if (!image) return image.error();
-      if (image->cols != size.width || image->rows != size.height) {
+      if (!read) return read.error();
+      const cv::Mat& image = read->pixels;
+      if (image.cols != size.width || image.rows != size.height) {
         return Error{ErrorCode::kInvalidData,
-                     fmt::format("the image is {}x{}, camera {} was calibrated with {}x{}", image->cols,
-                                 image->rows, images.camera, size.width, size.height),
+                     fmt::format("the image is {}x{}, camera {} was calibrated with {}x{}", image.cols,
+                                 image.rows, images.camera, size.width, size.height),
                      images.names[i]};
       }
-      return write_png(folder / images.camera / (names[i] + ".png"), remap_image(*image, maps));
+      return write_png(folder / images.camera / (names[i] + ".png"), remap_image(image, maps));
     }();
     const std::lock_guard guard(lock);
     progress(++n_done, n);
@@ -72,12 +56,6 @@ Status remap_images(const CameraImages& images, ImageSize size, const RemapMaps&
 }
 
 namespace {
-cv::Mat in_colour(const cv::Mat& image) {
-  cv::Mat colour = image;
-  if (image.channels() == 1) cv::cvtColor(image, colour, cv::COLOR_GRAY2BGR);
-  return colour;
-}
-
 cv::Mat pair_with_lines(const cv::Mat& first, const cv::Mat& second, bool vertical) {
   cv::Mat pair;
   if (vertical)

@@ -16,13 +16,14 @@ struct Options {
   std::string output, size;
   std::vector<std::string> calibration, cams;
   double alpha = 0;
+  int every = 1;
 };
 
 Result<int> run(const Options& o, const Common& common) {
   if (Status s = check_output(o.output, common); !s) return s.error();
   auto rig = load_rig(o.calibration);
   if (!rig) return rig.error();
-  auto images = find_images(o.cams, false);
+  auto images = find_images(o.cams, false, o.every, common);
   if (!images) return images.error();
   const ImageSize size = o.size.empty() ? ImageSize{} : parse_size(o.size, "--size");
   Json json{{"cameras", Json::array()}};
@@ -75,6 +76,7 @@ void add_undistort(CLI::App& app, const Common& common, int& exit_code) {
                  "calibration.yaml, or camera files of any known format or a folder of them")
       ->required();
   add_cam_option(app, o->cams)->required();
+  add_every_option(app, o->every);
   app.add_option("--alpha", o->alpha, "0: only valid pixels, 1: every source pixel (default: 0)")
       ->check(between(0.0, 1.0));
   app.add_option("--size", o->size, "WIDTHxHEIGHT of the new images (default: as the camera's)");

@@ -2,7 +2,7 @@
 include(CMakePackageConfigHelpers)
 set(config_dir ${CMAKE_INSTALL_LIBDIR}/cmake/plumbline)
 install(TARGETS plumbline RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-install(TARGETS plumbline_imageio LIBRARY DESTINATION ${module_dir})
+install(TARGETS plumbline_imageio plumbline_videoio LIBRARY DESTINATION ${module_dir})
 install(TARGETS plumbline_all EXPORT plumblineTargets)
 install(EXPORT plumblineTargets NAMESPACE plumbline:: DESTINATION ${config_dir})
 configure_package_config_file(cmake/plumblineConfig.cmake.in ${CMAKE_BINARY_DIR}/plumblineConfig.cmake

@@ -8,8 +8,8 @@
 
 #include "detect/charuco.hpp"
 #include "detect/finders.hpp"
+#include "detect/orientation.hpp"
 #include "detect/single_threaded.hpp"
-#include "plumbline/core/parallel.hpp"
 #include "plumbline/core/text.hpp"
 #include "plumbline/detect/detect.hpp"
 #include "plumbline/image/image.hpp"
@@ -23,17 +23,19 @@ struct Job {
   std::size_t image = 0;  ///< within its camera
   int target = 0;
   ImageSize size;
+  int orientation = 1;  ///< EXIF's
   std::optional<Result<Detection>> found;
 };
 
-Result<Detection> run(const std::filesystem::path& file, const std::string& name, const Target& target,
-                      ImageSize& size) {
-  const auto grey = read_image_grey(file);
-  if (!grey) return Error{grey.error().code, grey.error().message, name};
-  size = {grey->cols, grey->rows};
-  auto found = detect_target(*grey, target);
-  if (!found) return Error{found.error().code, found.error().message, name};
-  return found;
+void search(const Result<Photograph>& photograph, const std::string& name, const Target& target, Job& job) {
+  if (!photograph) {
+    job.found = Error{photograph.error().code, photograph.error().message, name};
+    return;
+  }
+  job.size = {photograph->pixels.cols, photograph->pixels.rows};
+  job.orientation = photograph->orientation;
+  job.found = detect_target(photograph->pixels, target);
+  if (!*job.found) job.found = Error{job.found->error().code, job.found->error().message, name};
 }
 
 /// One layout of a target for all images: those found under the other one are looked at again. Returns the
@@ -47,11 +49,16 @@ std::string settle_layout(const std::vector<CameraImages>& cameras, const std::v
   const auto settled =
       detail::with_layout(targets[target], vote < 0 ? Charuco::Layout::kLegacy : Charuco::Layout::kCurrent);
   if (!settled) return "";
-  parallel_for(static_cast<int>(jobs.size()), n_threads, [&](int i) {
-    Job& job = jobs[static_cast<std::size_t>(i)];
-    if (job.target != target || (job.found->value().layout_vote < 0) == (vote < 0)) return;
-    const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
-    job.found = run(camera.files[job.image], camera.names[job.image], *settled, job.size);
+  std::vector<Job*> again;
+  std::vector<std::filesystem::path> files;
+  for (Job& job : jobs) {
+    if (job.target != target || (job.found->value().layout_vote < 0) == (vote < 0)) continue;
+    again.push_back(&job);
+    files.push_back(cameras[static_cast<std::size_t>(job.cam)].files[job.image]);
+  }
+  for_each_image(files, ReadAs::kGrey8, n_threads, [&](int i, const Result<Photograph>& photograph) {
+    Job& job = *again[static_cast<std::size_t>(i)];
+    search(photograph, cameras[static_cast<std::size_t>(job.cam)].names[job.image], *settled, job);
   });
   return vote == 0 ? "; no image tells which layout it is" : "";
 }
@@ -70,12 +77,16 @@ Status check_sizes(const std::vector<CameraImages>& cameras, const std::vector<J
     const auto [at, is_new] = first.try_emplace(job.cam, &job);
     if (is_new || at->second->size == job.size) continue;
     const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
-    return Error{ErrorCode::kInvalidData,
-                 fmt::format("{}x{} pixels, but {} of the same camera has {}x{}: one camera has one size; "
-                             "leave one of them out",
-                             job.size.width, job.size.height, camera.names[at->second->image],
-                             at->second->size.width, at->second->size.height),
-                 camera.names[job.image]};
+    const ImageSize size = job.size, other = at->second->size;
+    const bool is_turned = size.width == other.height && size.height == other.width;
+    return Error{
+        ErrorCode::kInvalidData,
+        fmt::format("{}x{} pixels, but {} of the same camera has {}x{}: one camera has one size; {}",
+                    size.width, size.height, camera.names[at->second->image], other.width, other.height,
+                    is_turned ? "another program has turned the pixels of one of them: use the "
+                                "files as the camera wrote them, or leave one out"
+                              : "leave one of them out"),
+        camera.names[job.image]};
   }
   return {};
 }
@@ -144,6 +155,18 @@ std::string remark(const std::vector<CameraImages>& cameras, const std::vector<J
   return type + ": " + join(parts, "; ");
 }
 
+/// What has to be said of a camera's images: what is known from before, and their orientation tags.
+std::vector<std::string> notes_of(const CameraImages& camera, int cam, const std::vector<Job>& jobs) {
+  std::vector<std::string> notes = camera.notes;
+  std::vector<int> orientations;
+  for (const Job& job : jobs) {
+    if (job.cam == cam && job.target == 0) orientations.push_back(job.orientation);
+  }
+  if (auto note = detail::orientation_note(orientations, camera.names)) notes.push_back(*std::move(note));
+  for (std::string& note : notes) note = camera.camera + ": " + note;
+  return notes;
+}
+
 std::vector<std::string> frame_keys(const std::vector<CameraImages>& cameras) {
   std::set<std::string> keys;
   for (const CameraImages& camera : cameras) keys.insert(camera.frames.begin(), camera.frames.end());
@@ -191,14 +214,16 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const s
   PLUMBLINE_CHECK(!targets.empty(), "at least one target is needed");
   if (auto ok = check_distinct(targets); !ok) return ok.error();
   std::vector<Job> jobs;
+  std::vector<std::filesystem::path> files;
   for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
     const CameraImages& c = cameras[cam];
     PLUMBLINE_CHECK(c.files.size() == c.names.size() && c.files.size() == c.frames.size(),
                     "a name and a frame for each file");
     PLUMBLINE_CHECK(!c.files.empty(), "a camera needs images");
+    files.insert(files.end(), c.files.begin(), c.files.end());
     for (std::size_t i = 0; i < c.files.size(); ++i) {
       for (std::size_t t = 0; t < targets.size(); ++t)
-        jobs.push_back({static_cast<int>(cam), i, static_cast<int>(t), {}, std::nullopt});
+        jobs.push_back({static_cast<int>(cam), i, static_cast<int>(t), {}, 1, std::nullopt});
     }
   }
   PLUMBLINE_CHECK(!jobs.empty(), "at least one camera is needed");
@@ -208,14 +233,16 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const s
   std::vector<std::string> layout_remarks;
   {
     const detail::OpenCvSingleThreaded guard;
-    parallel_for(n, options.n_threads, [&](int i) {
-      Job& job = jobs[static_cast<std::size_t>(i)];
-      const CameraImages& camera = cameras[static_cast<std::size_t>(job.cam)];
-      job.found = run(camera.files[job.image], camera.names[job.image], targets[job.target], job.size);
-      const std::lock_guard hold(lock);
-      ++done;
-      if (options.progress) options.progress(done, n);
-    });
+    const auto look = [&](int i, const Result<Photograph>& photograph) {
+      for (std::size_t t = 0; t < targets.size(); ++t) {
+        Job& job = jobs[static_cast<std::size_t>(i) * targets.size() + t];
+        search(photograph, cameras[static_cast<std::size_t>(job.cam)].names[job.image], targets[t], job);
+        const std::lock_guard hold(lock);
+        ++done;
+        if (options.progress) options.progress(done, n);
+      }
+    };
+    for_each_image(files, ReadAs::kGrey8, options.n_threads, look);
     if (auto ok = check_decoded(jobs); !ok) return ok.error();
     for (std::size_t t = 0; t < targets.size(); ++t)
       layout_remarks.push_back(settle_layout(cameras, targets, static_cast<int>(t), options.n_threads, jobs));
@@ -223,7 +250,14 @@ Result<Dataset> detect_dataset(const std::vector<CameraImages>& cameras, const s
   if (auto ok = check_decoded(jobs); !ok) return ok.error();
   if (auto ok = check_sizes(cameras, jobs); !ok) return ok.error();
   if (auto ok = check_found(cameras, jobs, targets); !ok) return ok.error();
-  return assemble(cameras, jobs, targets, layout_remarks);
+  if (options.note) {
+    for (std::size_t cam = 0; cam < cameras.size(); ++cam) {
+      for (const std::string& note : notes_of(cameras[cam], static_cast<int>(cam), jobs)) options.note(note);
+    }
+  }
+  Dataset data = assemble(cameras, jobs, targets, layout_remarks);
+  thin_near_duplicates(data, options.thin_px);
+  return data;
 }
 
 }  // namespace plumbline

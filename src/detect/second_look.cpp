@@ -61,7 +61,7 @@ class Looker {
   Status find_files();
   void find_tangent_views(const std::vector<int>& views);
   void look_at(const std::vector<int>& views);
-  Looked look(int v) const;
+  Looked look(int v, const Result<Photograph>& photograph) const;
   std::optional<SE3> known_pose(int v) const;
   std::optional<SE3> searched_pose(int v, const cv::Mat& grey) const;
   std::vector<int> views_without_pose() const;
@@ -132,7 +132,7 @@ ViewBefore Looker::before(int v, const SE3& T_cam_target) const {
 bool Looker::is_worth_reading(int v) const {
   const View& view = cal_.data.views[v];
   const Board& board = boards_[view.target];
-  if (board.features.empty()) return false;
+  if (board.features.empty() || is_near_duplicate(view)) return false;
   if (board.has_discs && !view.corners.empty()) return true;
   const auto T = known_pose(v);
   if (!T) return view.corners.empty();
@@ -168,39 +168,41 @@ std::optional<SE3> Looker::searched_pose(int v, const cv::Mat& grey) const {
   return pose ? std::optional(pose->model) : std::nullopt;
 }
 
-Looked Looker::look(int v) const {
+Looked Looker::look(int v, const Result<Photograph>& photograph) const {
   Looked out;
   const View& view = cal_.data.views[v];
-  const auto grey = read_image_grey(files_[v]);
-  if (!grey) {
-    out.error = Error{grey.error().code, grey.error().message, view.image};
+  if (!photograph) {
+    out.error = Error{photograph.error().code, photograph.error().message, view.image};
     return out;
   }
+  const cv::Mat& grey = photograph->pixels;
   out.is_read = true;
   auto T = known_pose(v);
-  if (!T) T = searched_pose(v, *grey);
+  if (!T) T = searched_pose(v, grey);
   if (!T) return out;
   out.T_cam_target = *T;
   if (!has_discs(v)) {
-    out.saddles = look_for_saddles(*grey, before(v, *T));
+    out.saddles = look_for_saddles(grey, before(v, *T));
     return out;
   }
   ViewBefore b = before(v, *T);
   // How large the discs are is seen before they are measured.
   std::vector<PointFeature> own;
-  if (const double seen = disc_diameter(*grey, b); seen > 0) {
+  if (const double seen = disc_diameter(grey, b); seen > 0) {
     own = point_features(cal_.data.targets[view.target], seen * b.features->front().u.norm());
     b.features = &own;
   }
-  out.discs = look_for_discs(*grey, b);
+  out.discs = look_for_discs(grey, b);
   return out;
 }
 
 void Looker::look_at(const std::vector<int>& views) {
   std::mutex lock;
   int done = 0;
-  parallel_for(static_cast<int>(views.size()), options_.n_threads, [&](int i) {
-    looked_[views[i]] = look(views[i]);
+  std::vector<std::filesystem::path> files;
+  for (const int v : views) files.push_back(files_[v]);
+  for_each_image(files, ReadAs::kGrey8, options_.n_threads, [&](int i, const Result<Photograph>& photograph) {
+    looked_[views[i]] = look(views[i], photograph);
     const std::lock_guard hold(lock);
     ++done;
     if (options_.progress) options_.progress(done, static_cast<int>(views.size()));

@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 /// The environment's folder, folders near the running program (a build tree, an installation that was moved),
 /// the folder configured at build time, and last the run path that the program was linked with.
-std::vector<std::string> candidates() {
+std::vector<std::string> candidates(const char* name) {
   std::vector<fs::path> folders;
   if (const char* dir = std::getenv("PLUMBLINE_MODULE_DIR"); dir != nullptr && *dir != 0)
     folders.emplace_back(dir);
@@ -32,34 +32,47 @@ std::vector<std::string> candidates() {
   }
   folders.emplace_back(PLUMBLINE_MODULE_DIR);
   std::vector<std::string> files;
-  for (const fs::path& folder : folders) files.push_back((folder / kImageioFile).string());
-  files.emplace_back(kImageioFile);
+  for (const fs::path& folder : folders) files.push_back((folder / name).string());
+  files.emplace_back(name);
   return files;
 }
 
-Result<const ImageioApi*> load() {
+/// The symbol of the first module of this name that can be loaded.
+Result<const void*> load(const char* name, const char* symbol, const char* what) {
   std::string failures;
-  const std::vector<std::string> files = candidates();
+  const std::vector<std::string> files = candidates(name);
   for (const std::string& file : files) {
     const bool is_path = file.find('/') != std::string::npos;
     if (std::error_code ignored; is_path && !fs::exists(file, ignored)) continue;
     void* module = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (module != nullptr) {
-      if (const void* api = dlsym(module, kImageioSymbol)) return static_cast<const ImageioApi*>(api);
+      if (const void* api = dlsym(module, symbol)) return api;
     }
     const char* why = dlerror();
     if (is_path) failures += std::string("; ") + (why != nullptr ? why : "no reason given");
   }
   return Error{ErrorCode::kIo,
-               "images need the module plumbline_imageio.so, which is not in any of: " + join(files, ", ") +
-                   failures + ". Set PLUMBLINE_MODULE_DIR to the folder that holds it",
+               std::string(what) + " need the module " + name + ", which is not in any of: " +
+                   join(files, ", ") + failures + ". Set PLUMBLINE_MODULE_DIR to the folder that holds it",
                ""};
+}
+
+template <class Api>
+Result<const Api*> load_api(const char* name, const char* symbol, const char* what) {
+  const Result<const void*> api = load(name, symbol, what);
+  if (!api) return api.error();
+  return static_cast<const Api*>(*api);
 }
 
 }  // namespace
 
 Result<const ImageioApi*> image_codec() {
-  static const Result<const ImageioApi*> codec = load();
+  static const auto codec = load_api<ImageioApi>(kImageioFile, kImageioSymbol, "images");
+  return codec;
+}
+
+Result<const VideoioApi*> video_codec() {
+  static const auto codec = load_api<VideoioApi>(kVideoioFile, kVideoioSymbol, "videos");
   return codec;
 }
 

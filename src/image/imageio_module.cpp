@@ -20,9 +20,10 @@ void say(const char* text, char* message, std::size_t size) noexcept {
 bool decode(const unsigned char* bytes, std::size_t size, bool grey, cv::Mat* image, char* message,
             std::size_t message_size) noexcept {
   try {
-    // IMREAD_ANYCOLOR keeps grey as grey; 16 bits become 8 in both. The photograph's own orientation tag is
-    // not applied: a calibration belongs to the sensor's pixels as they are stored.
-    const int flags = (grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_ANYCOLOR) | cv::IMREAD_IGNORE_ORIENTATION;
+    // IMREAD_ANYCOLOR keeps grey as grey. The photograph's own orientation tag is not applied: a calibration
+    // belongs to the sensor's pixels as they are stored.
+    const int flags = (grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_ANYCOLOR) | cv::IMREAD_ANYDEPTH |
+                      cv::IMREAD_IGNORE_ORIENTATION;
     const cv::Mat encoded(1, static_cast<int>(size), CV_8U, const_cast<unsigned char*>(bytes));
     *image = cv::imdecode(encoded, flags);
     if (!image->empty()) return true;
@@ -49,5 +50,5 @@ bool encode_png(const cv::Mat* image, cv::Mat* bytes, char* message, std::size_t
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) const plumbline::detail::ImageioApi plumbline_imageio_v1;
-const plumbline::detail::ImageioApi plumbline_imageio_v1{decode, encode_png};
+extern "C" __attribute__((visibility("default"))) const plumbline::detail::ImageioApi plumbline_imageio_v2;
+const plumbline::detail::ImageioApi plumbline_imageio_v2{decode, encode_png};

@@ -55,7 +55,8 @@ std::optional<fs::path> foreign_file(const fs::path& directory) {
   for (const fs::directory_entry& entry : *entries) {
     const fs::path name = entry.path().filename();
     if (has_type(entry, fs::file_type::regular)) {
-      const bool known = std::find(kNames.begin(), kNames.end(), name.string()) != kNames.end();
+      const bool known = std::find(kNames.begin(), kNames.end(), name.string()) != kNames.end() ||
+                         (name.string().starts_with("contact_sheet") && name.extension() == ".png");
       if (known || is_camera_file(entry.path())) continue;
       return name;
     }

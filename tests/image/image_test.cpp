@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "plumbline/image/image.hpp"
 
+#include <fstream>
+#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <thread>
 
@@ -130,6 +132,33 @@ TEST(Image, ThreadsReadAtOnce) {
   }
   for (auto& t : threads) t.join();
   EXPECT_EQ(good, 8);
+}
+
+/// Memory that this process has in use [MB].
+double resident_mb() {
+  std::ifstream statm("/proc/self/statm");
+  double all = 0, resident = 0;
+  statm >> all >> resident;
+  return resident * 4096 / 1e6;
+}
+
+// 24 images of 6 MB on two threads: never more than one for each thread, with what its codec needs besides.
+TEST(Image, ManyImagesAreNotHeld) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "sanitizers keep what is freed";
+#endif
+  const TempDir dir;
+  ASSERT_TRUE(write_png(dir / "a.png", cv::Mat(2000, 3000, CV_8U, cv::Scalar(90))));
+  const std::vector<std::filesystem::path> files(24, dir / "a.png");
+  const double before = resident_mb();
+  std::mutex lock;
+  double most = 0;
+  for_each_image(files, ReadAs::kGrey8, 2, [&](int, const Result<Photograph>& photograph) {
+    ASSERT_TRUE(photograph);
+    const std::lock_guard hold(lock);
+    most = std::max(most, resident_mb() - before);
+  });
+  EXPECT_LT(most, 40);  // all of them would be 144 MB
 }
 
 }  // namespace

@@ -48,6 +48,15 @@ TEST_F(GlobFiles, WithoutWildcardTheKeyIsTheStem) {
   EXPECT_THAT(names("right1.jpg"), ElementsAre("right1.jpg right1"));
 }
 
+TEST_F(GlobFiles, AFolderIsAllFilesInIt) {
+  for (const char* folder : {"a/cam1", "a/cam1/"})
+    EXPECT_THAT(names(folder), ElementsAre("7.png 7", "8.png 8")) << folder;
+  fs::create_directory(dir / "empty");
+  const auto nothing = glob_files((dir / "empty").string());
+  ASSERT_FALSE(nothing);
+  EXPECT_THAT(nothing.error().text(), testing::HasSubstr("holds 0 entries"));
+}
+
 TEST_F(GlobFiles, NamesNeverHoldAnAbsolutePath) {
   const auto matches = glob_files((dir / "a/cam1/*.png").string());
   ASSERT_TRUE(matches);

@@ -22,9 +22,10 @@ struct GlobMatch {
 
 /// The files that match a pattern with the wildcards `*` (any run of characters) and `?` (any one character),
 /// in file names and folders; neither matches '/' or a leading '.'. Neighbouring wildcards ("??") count as
-/// one. In natural order of the name. \returns kIo when a pattern without wildcards names no file, or one
-/// with wildcards matches none (says which folder it
-///          looked in and what that holds)
+/// one. A folder stands for all files in it, whose keys are their stems. In natural order of the name.
+/// \returns kIo when a pattern without wildcards names no file, or one with wildcards matches none (says
+/// which
+///          folder it looked in and what that holds)
 Result<std::vector<GlobMatch>> glob_files(std::string_view pattern);
 
 /// The key of `name` under `pattern`, comparing as many trailing path components as the pattern has; nullopt
