@@ -109,6 +109,7 @@ void add_candidate(const cv::Mat& grey, const AprilGrid& board, int tag, std::si
   if (is_foretold) start = look_around(grey, start, J, u, v);
   if (saddle_contrast(grey, start, u, v) > -8) return;
   SaddleWindow window{J};
+  window.leak_blurs = 2;  // the small squares are close by
   window.across = clean;
   window.max_move_px = std::max(1.5, 0.5 * gap);
   // Into the tag its own edge runs on; the other way the small square ends with the gap.

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "detect/charuco_strays.hpp"
+#include "detect/chess_fit.hpp"
 #include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
 #include "detect/subpixel.hpp"

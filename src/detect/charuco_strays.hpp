@@ -2,7 +2,7 @@
 #pragma once
 #include <vector>
 
-#include "detect/chess_search.hpp"
+#include "detect/chess_fit.hpp"
 
 namespace plumbline::detail {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include "detect/chess_fit.hpp"
 #include "detect/chess_grid.hpp"
-#include "detect/chess_search.hpp"
 
 /// What tells a board from another one that contains it: a plain board has no ids, only ends.
 namespace plumbline::detail {

@@ -23,23 +23,4 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board);
 /// its border, as far as those beside them say.
 bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px);
 
-/// The corners of a grid refined, those that it lacks looked for where their neighbours say, and those thrown
-/// out that are none. By point.
-struct ChessCorner {
-  int point = 0;
-  Vec2 px;
-  double sigma_px = 0;
-  double contrast = 0;  ///< as SaddleFit's
-  double misfit = 0;    ///< what the fit leaves, of the contrast
-};
-/// What a board has beside its edges.
-struct GridFit {
-  double across = 1;           ///< how far it is clean beside an edge [squares]
-  double least_across_px = 0;  ///< corners where that is less are left out
-  double least_blurs = 0;      ///< so too where it is less than this many times the usual blur
-  int rounds = 3;              ///< of looking for corners that are missing
-};
-std::vector<ChessCorner> refine_grid(const cv::Mat& grey, const ChessGrid& grid, double scale, double noise,
-                                     const GridFit& how = {});
-
 }  // namespace plumbline::detail

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "detect/chess_ends.hpp"
+#include "detect/chess_fit.hpp"
 #include "detect/chess_search.hpp"
 #include "detect/finders.hpp"
 #include "detect/subpixel.hpp"

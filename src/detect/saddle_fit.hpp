@@ -17,7 +17,8 @@ struct SaddleWindow {
   Mat2 J = Mat2::Identity();  ///< d px / d board: its columns run along the two edges
   /// Where the corner's own edges meet the next line, along both axes [board units].
   Vec2 low{-1, -1}, high{1, 1};
-  double across = 1;  ///< where the next edge beside an edge is [board units]
+  double across = 1;        ///< where the next edge beside an edge is [board units]
+  double leak_blurs = 1.5;  ///< before the next edge, which is felt so far
   /// Of the two edges [1/px]: the edge along column k of J bends towards the side that it has when turned
   /// from x to y. A wide lens bends lines by hundredths of a pixel within a window.
   Vec2 curvature = Vec2::Zero();

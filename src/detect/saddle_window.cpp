@@ -10,7 +10,6 @@ namespace {
 
 constexpr double kShare = 0.5;      ///< of the way to the next corner, which has the rest
 constexpr double kEdgeReach = 3.5;  ///< an edge is flat beyond so many blurs
-constexpr double kLeak = 2.0;       ///< the next edge is felt up to so many blurs before it
 
 /// A band along each edge [board units]: from low to high along it and `side` to both sides.
 struct Bands {
@@ -25,11 +24,11 @@ Bands bands_of(const SaddleWindow& w, double arm_px, double blur) {
   const double across_px[2] = {height / length[0], height / length[1]};  // of one unit beside edge 0, edge 1
   for (int k = 0; k < 2; ++k) {
     // What bounds the arm along axis k is the next line across it, at a distance measured across it.
-    const double leak = kLeak * blur / across_px[1 - k];
+    const double leak = w.leak_blurs * blur / across_px[1 - k];
     out.low[k] = -std::min({-w.low[k] - leak, kShare, arm_px / length[k]});
     out.high[k] = std::min({w.high[k] - leak, kShare, arm_px / length[k]});
-    out.side[k] =
-        std::min({w.across - kLeak * blur / across_px[k], kShare, (kEdgeReach * blur + 0.5) / across_px[k]});
+    out.side[k] = std::min(
+        {w.across - w.leak_blurs * blur / across_px[k], kShare, (kEdgeReach * blur + 0.5) / across_px[k]});
     // At the least a pixel to each side, or nothing is left to fit.
     out.side[k] = std::max(out.side[k], std::min(w.across, 1.2 / across_px[k]));
     out.low[k] = std::min(out.low[k], -1.5 / length[k]);

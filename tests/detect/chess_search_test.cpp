@@ -4,6 +4,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "detect/chess_ends.hpp"
+#include "detect/chess_fit.hpp"
 #include "detect/render.hpp"
 #include "plumbline/detect/detect.hpp"
 #include "support/support.hpp"
