@@ -114,6 +114,7 @@ Json json_of_counts(const LookReport& report, const Dataset& data) {
 
 std::string text_of_counts(const LookReport& report, const Dataset& data) {
   if (n_added(report) == 0) {
+    if (report.look.n_images == 0) return "second look: every board is whole, no image was read again";
     return fmt::format("second look: nothing new in {} {}", report.look.n_images,
                        report.look.n_images == 1 ? "image" : "images");
   }
@@ -193,6 +194,7 @@ void add_look(const LookReport& report, const Calibration& cal, Json& json) {
   Json look = json_of_counts(report, cal.data);
   look["outliers"] = fit.outliers;
   look["rms_px"] = fit.used > 0 ? Json(fit.rms_px) : Json(nullptr);
+  look["used"] = report.note.empty();
   look["reason"] = report.note.empty() ? Json(nullptr) : Json(report.note);
   json["second_look"] = look;
   if (report.circle_rounds == 0) return;
@@ -204,7 +206,7 @@ void add_look(const LookReport& report, const Calibration& cal, Json& json) {
 
 std::string text_of_look(const LookReport& report, const Calibration& cal) {
   std::string text = text_of_counts(report, cal.data);
-  if (n_added(report) > 0) {
+  if (n_added(report) > 0 && report.note.empty()) {
     const AddedFit fit = fit_of_added(report, cal);
     text += fmt::format("; their rms {:.4f} px, {} outliers", fit.rms_px, fit.outliers);
   }

@@ -87,7 +87,7 @@ cv::Point fixed_point(const Vec2& px) { return {fixed(px.x()), fixed(px.y())}; }
 
 void draw_corners(cv::Mat& picture, const View& view, std::size_t n_points, const Scale& scale) {
   const int line = std::max(1, picture.cols / 1600);
-  const double arm = std::clamp(0.12 * scale.spacing_px, 3.0, 0.01 * picture.cols),
+  const double arm = std::clamp(0.12 * scale.spacing_px, 3.0, std::max(3.0, 0.01 * picture.cols)),
                digits = std::clamp(0.2 * scale.spacing_px, 8.0, std::max(10.0, 0.008 * picture.cols));
   const auto place = [&](const Corner& corner) -> Vec2 {
     return (corner.px.array() + 0.5).matrix() * scale.enlarged - Vec2(0.5, 0.5);

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
 #include "detect/markers.hpp"
 #include "detect/planar.hpp"
+#include "detect/pyramid.hpp"
 #include "detect/saddles.hpp"
 #include "detect/subpixel.hpp"
 #include "detect/tag_bits.hpp"
@@ -31,13 +31,10 @@ struct Level {
 };
 
 std::vector<Level> levels_of(const cv::Mat& grey) {
-  std::vector<Level> out{{grey, Vec2(1, 1)}};
-  while (std::max(out.back().grey.cols, out.back().grey.rows) > kCoarsest) {
-    cv::Mat half;
-    cv::resize(out.back().grey, half, cv::Size(), 0.5, 0.5, cv::INTER_AREA);
-    out.push_back(
-        {half, Vec2(static_cast<double>(grey.cols) / half.cols, static_cast<double>(grey.rows) / half.rows)});
-  }
+  const std::vector<cv::Mat> pyramid = pyramid_of(grey, kCoarsest);
+  std::vector<Level> out;
+  for (std::size_t k = pyramid.size(); k-- > 0;)
+    out.push_back({pyramid[k], Vec2::Constant(pyramid_ratio(pyramid.size(), k))});
   return out;
 }
 

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
+#include "detect/pyramid.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -81,22 +81,15 @@ SeenLattice with_places_around(const ChessGrid& seen, double scale) {
   return out;
 }
 
-LatticePyramid::LatticePyramid(const cv::Mat& grey) : images_{grey} {
-  while (std::max(images_.front().cols, images_.front().rows) > kCoarsest) {
-    cv::Mat half;
-    cv::resize(images_.front(), half, cv::Size(), 0.5, 0.5, cv::INTER_AREA);
-    images_.insert(images_.begin(), half);
-  }
-  levels_.resize(images_.size());
-}
+LatticePyramid::LatticePyramid(const cv::Mat& grey)
+    : images_(pyramid_of(grey, kCoarsest)), levels_(images_.size()) {}
 
 const std::vector<SeenLattice>& LatticePyramid::level(int k) {
   auto& level = levels_[static_cast<std::size_t>(k)];
   if (level) return *level;
   level.emplace();
   const cv::Mat& image = images_[static_cast<std::size_t>(k)];
-  const Vec2 ratio(static_cast<double>(grey().cols) / image.cols,
-                   static_cast<double>(grey().rows) / image.rows);
+  const Vec2 ratio = Vec2::Constant(pyramid_ratio(images_.size(), static_cast<std::size_t>(k)));
   const double noise = noise_level(image, {0, 0, image.cols, image.rows});
   const auto saddles = find_saddles(image, noise, kMostSaddles);
   LatticeRules rules;

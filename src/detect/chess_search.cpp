@@ -5,8 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
+#include "detect/pyramid.hpp"
 #include "detect/subpixel.hpp"
 
 namespace plumbline::detail {
@@ -19,20 +19,6 @@ constexpr int kCoarsest = 500;
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
 constexpr double kMuchMore = 1.3;  ///< nodes of a lattice that was refused
 constexpr double kFaint = 0.35;    ///< of the strength of a lattice's weakest node
-
-/// The image and its halves, the smallest first.
-std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
-  std::vector<cv::Mat> out{grey};
-  while (std::max(out.front().cols, out.front().rows) > kCoarsest) {
-    const cv::Mat& from = out.front();
-    // Without the last odd row and column each pixel is the mean of four.
-    const cv::Rect even(0, 0, from.cols / 2 * 2, from.rows / 2 * 2);
-    cv::Mat half;
-    cv::resize(from(even), half, cv::Size(from.cols / 2, from.rows / 2), 0, 0, cv::INTER_AREA);
-    out.insert(out.begin(), half);
-  }
-  return out;
-}
 
 double median(std::vector<double> v) {
   if (v.empty()) return 0;
@@ -142,11 +128,11 @@ bool is_all_in_sight(const ChessGrid& grid, cv::Size image, double border_px) {
 ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
   ChessSearch out;
   const int all = board.columns * board.rows;
-  const auto pyramid = pyramid_of(grey);
+  const auto pyramid = pyramid_of(grey, kCoarsest);
   Refused refused;
   for (std::size_t level = 0; level < pyramid.size(); ++level) {
     const cv::Mat& image = pyramid[level];
-    const double ratio = std::exp2(static_cast<double>(pyramid.size() - 1 - level));
+    const double ratio = pyramid_ratio(pyramid.size(), level);
     const double noise = noise_level(image, {0, 0, image.cols, image.rows});
     const auto saddles = find_saddles(image, noise, 20 * all + 1000);
     std::size_t largest = 0;
@@ -180,7 +166,6 @@ ChessSearch search_chessboard(const cv::Mat& grey, const Chessboard& board) {
       }
       return out.is_twice || (out.grid.count() == all && !has_room_for_another(saddles, nodes));
     });
-    out.largest = std::max(out.largest, static_cast<int>(largest));
     if (out.grid.count() > 0 && is_all_in_sight(out.grid, grey.size(), kBorderPx / out.scale)) break;
   }
   return out;

@@ -13,7 +13,6 @@ struct ChessSearch {
   double scale = 1;       ///< of the image that it was found in: places are good to a pixel of that
   std::string reason;     ///< why not
   bool is_twice = false;  ///< two whole boards, and nothing tells which
-  int largest = 0;        ///< nodes of the largest lattice that was seen
 };
 
 /// The board, or a part of it that tells which, at the lowest of several sizes at which it is whole.

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "detect/lattice_order.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -33,12 +31,6 @@ double handedness(const LatticePoints& points) {
   return sum;
 }
 
-constexpr double kMidwayTolerance = 0.3;
-
-bool is_midway(const Vec2& a, const Vec2& b, const Vec2& c) {
-  return ((a + c) / 2 - b).norm() < kMidwayTolerance * (c - a).norm() / 2;
-}
-
 }  // namespace
 
 std::optional<LatticePoints> orient(const LatticePoints& points,
@@ -56,37 +48,6 @@ std::optional<LatticePoints> orient(const LatticePoints& points,
     }
   }
   return best;
-}
-
-std::optional<std::string> broken_lattice(const LatticePoints& points) {
-  int off = 0, turned = 0;
-  const double hand = handedness(points);
-  for (int r = 0; r < points.rows; ++r) {
-    for (int c = 0; c < points.columns; ++c) {
-      if (c > 0 && c + 1 < points.columns &&
-          !is_midway(points.at(c - 1, r), points.at(c, r), points.at(c + 1, r)))
-        ++off;
-      if (r > 0 && r + 1 < points.rows &&
-          !is_midway(points.at(c, r - 1), points.at(c, r), points.at(c, r + 1)))
-        ++off;
-      if (c + 1 < points.columns && r + 1 < points.rows &&
-          cross(points.at(c + 1, r) - points.at(c, r), points.at(c, r + 1) - points.at(c, r)) * hand <= 0) {
-        ++turned;
-      }
-    }
-  }
-  if (off == 0 && turned == 0) return std::nullopt;
-  return fmt::format("{} points are not between their neighbours and {} cells are turned over", off, turned);
-}
-
-double neighbour_distance(const LatticePoints& points, int c, int r) {
-  double nearest = std::numeric_limits<double>::infinity();
-  for (const auto& [dc, dr] :
-       {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {1, -1}, {-1, 1}, {-1, -1}}) {
-    if (c + dc < 0 || c + dc >= points.columns || r + dr < 0 || r + dr >= points.rows) continue;
-    nearest = std::min(nearest, (points.at(c + dc, r + dr) - points.at(c, r)).norm());
-  }
-  return nearest;
 }
 
 }  // namespace plumbline::detail

@@ -21,12 +21,4 @@ struct LatticePoints {
 std::optional<LatticePoints> orient(const LatticePoints& points,
                                     const std::function<bool(const LatticePoints&)>& allows);
 
-/// nullopt when every point lies about midway between its neighbours in its row and column, and all cells
-/// have one orientation: true for any lens and tilt of use; else what is wrong. Finders sometimes return a
-/// broken grid.
-std::optional<std::string> broken_lattice(const LatticePoints& points);
-
-/// Distance to the nearest neighbour in the lattice [px].
-double neighbour_distance(const LatticePoints& points, int c, int r);
-
 }  // namespace plumbline::detail

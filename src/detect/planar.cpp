@@ -41,11 +41,9 @@ struct Agreement {
 
 }  // namespace
 
-std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px, double tolerance_px) {
+std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px) {
   if (board.size() < 4) return std::nullopt;
-  cv::Mat H = tolerance_px > 0 && board.size() > 4
-                  ? cv::findHomography(to_cv(board), to_cv(px), cv::RANSAC, tolerance_px, cv::noArray(), 500)
-                  : cv::findHomography(to_cv(board), to_cv(px), 0);
+  const cv::Mat H = cv::findHomography(to_cv(board), to_cv(px), 0);
   if (H.empty()) return std::nullopt;
   Mat3 out;
   for (int r = 0; r < 3; ++r)
@@ -87,19 +85,15 @@ double narrow_height(const Mat2& J) {
   return longer > 0 ? std::abs(J.determinant()) / longer : 0;
 }
 
-double window_reach(const Mat2& J) {
-  // A line along a at distance d is |det J| / |a| away; an upright window meets it at |det J| / (|a_x| +
-  // |a_y|).
-  const double longer = std::max(J.col(0).lpNorm<1>(), J.col(1).lpNorm<1>());
-  return longer > 0 ? std::abs(J.determinant()) / longer : 0;
-}
-
 double side_px(const std::array<Vec2, 4>& px) {
   double sum = 0;
   for (int i = 0; i < 4; ++i) sum += (px[(i + 1) % 4] - px[i]).norm();
   return sum / 4;
 }
 
+namespace {
+
+/// The n quads (of those listed) nearest to `p_board`, nearest first; ties by index.
 std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among,
                                const Vec2& p_board, int n) {
   std::vector<int> order(among.begin(), among.end());
@@ -108,6 +102,8 @@ std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<cons
   if (static_cast<int>(order.size()) > n) order.resize(n);
   return order;
 }
+
+}  // namespace
 
 std::optional<Mat3> plane_of(const PlacedQuad& quad) {
   const auto H = square_to_quad(quad.px);
@@ -154,18 +150,14 @@ ConsistentQuads consistent_quads(std::span<const PlacedQuad> quads) {
     if (a.partners > b.partners || (a.partners == b.partners && a.error < b.error)) at->second = i;
   }
   ConsistentQuads result;
-  int partners = 0;
   const auto largest =
       std::max_element(components.begin(), components.end(),
                        [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
   if (largest == components.end()) return result;
   for (const auto& [id, i] : largest->second) {
     result.index.push_back(i);
-    partners += agreement[i].partners;
-    result.mean_error += agreement[i].error;
   }
   std::sort(result.index.begin(), result.index.end());
-  result.mean_error = partners > 0 ? result.mean_error / partners : 0;
   return result;
 }
 

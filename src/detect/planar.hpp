@@ -12,9 +12,8 @@
 namespace plumbline::detail {
 
 /// The homography from board to image through n >= 4 pairs, scaled so that w > 0 at the first board point.
-/// nullopt when the points do not determine it. `tolerance_px` > 0: RANSAC with this inlier distance (same
-/// result every time).
-std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px, double tolerance_px = 0);
+/// nullopt when the points do not determine it.
+std::optional<Mat3> fit_plane(std::span<const Vec2> board, std::span<const Vec2> px);
 
 /// The map of the unit square (0, 0), (1, 0), (1, 1), (0, 1) to four corners in that order (Heckbert 1989);
 /// nullopt when they do not make a convex quadrangle.
@@ -29,10 +28,6 @@ Mat2 map_jacobian(const Mat3& H, const Vec2& p);
 /// The narrower height [px] of the parallelogram that a unit square is in the image. Not the shorter side:
 /// seen along its diagonal a square has long sides that lie close together.
 double narrow_height(const Mat2& J);
-
-/// Half side [px] of the largest upright window around a lattice point that ends before the lattice's next
-/// lines, for lines one board unit apart.
-double window_reach(const Mat2& J);
 
 /// A marker in an image and the place that its id has on the board; both in the same order of corners.
 struct PlacedQuad {
@@ -50,13 +45,8 @@ std::optional<Mat3> plane_of(const PlacedQuad& quad);
 /// size). Indices ascending; one per id. A single marker agrees with itself.
 struct ConsistentQuads {
   std::vector<int> index;
-  double mean_error = 0;  ///< of the predictions, as a fraction of the marker's size
 };
 ConsistentQuads consistent_quads(std::span<const PlacedQuad> quads);
-
-/// The n quads (of those listed) nearest to `p_board`, nearest first; ties by index.
-std::vector<int> nearest_quads(std::span<const PlacedQuad> quads, std::span<const int> among,
-                               const Vec2& p_board, int n);
 
 /// Perimeter over 4 [px].
 double side_px(const std::array<Vec2, 4>& px);

@@ -41,10 +41,9 @@ void append(const Charuco& board, double, std::vector<PointFeature>& out) {
   }
 }
 
-/// Of the black border [tags].
-double border_width(const AprilGrid& board) {
-  return static_cast<double>(board.border) / (april_book(board.family)->n + 2 * board.border);
-}
+/// Of the black border [tags], of one module whatever the target says: boards printed elsewhere need not say
+/// it.
+double border_width(const AprilGrid& board) { return 1.0 / (april_book(board.family)->n + 2); }
 
 void append(const AprilGrid& board, double, std::vector<PointFeature>& out) {
   for (int tag = 0; tag < board.columns * board.rows; ++tag) {
@@ -52,6 +51,7 @@ void append(const AprilGrid& board, double, std::vector<PointFeature>& out) {
       PointFeature f = on_board(board.tag_m, Vec3::UnitZ());
       // As far as the tag's border and the small square, which ends with the gap.
       f.window.across = std::min(border_width(board), board.spacing);
+      f.window.leak_blurs = 2;  // as in the first look
       const bool tag_is_right = k == 0 || k == 3, tag_is_up = k == 0 || k == 1;
       f.window.low = Vec2(tag_is_right ? -board.spacing : -1, tag_is_up ? -board.spacing : -1);
       f.window.high = Vec2(tag_is_right ? 1 : board.spacing, tag_is_up ? 1 : board.spacing);

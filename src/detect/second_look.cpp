@@ -8,6 +8,7 @@
 #include <map>
 #include <mutex>
 
+#include "detect/charuco.hpp"
 #include "detect/look_view.hpp"
 #include "detect/single_threaded.hpp"
 #include "detect/tangent_view.hpp"
@@ -154,6 +155,9 @@ std::optional<SE3> Looker::searched_pose(int v, const cv::Mat& grey) const {
   for (const TangentView& tangent : tangent_views_[view.cam]) {
     const auto found = detect_target(warp(grey, tangent), cal_.data.targets[view.target]);
     if (!found || found->corners.size() <= p.size()) continue;
+    // A part of a board that fits both layouts says nothing of its ids.
+    const auto* charuco = std::get_if<Charuco>(&cal_.data.targets[view.target].spec);
+    if (charuco && has_open_layout(*charuco) && found->layout_vote == 0) continue;
     p.clear(), px.clear();
     for (const Corner& c : found->corners) {
       if (const auto at = camera_px(camera, tangent, c.px))

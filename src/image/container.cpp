@@ -149,7 +149,8 @@ ContainerInfo inspect_container(const std::string& bytes) {
   if (bytes.starts_with("\xFF\xD8\xFF")) return inspect_jpeg(bytes);
   if (bytes.starts_with("II*") || bytes.starts_with("MM"))
     return {"TIFF", std::nullopt, false, orientation_in_tiff(bytes)};
-  if (bytes.starts_with("RIFF") && view.substr(8).starts_with("WEBP")) return inspect_webp(bytes);
+  if (bytes.size() >= 12 && bytes.starts_with("RIFF") && view.substr(8, 4) == "WEBP")
+    return inspect_webp(bytes);
   if (bytes.starts_with("P5") || bytes.starts_with("P6")) return inspect_pnm(bytes);
   if (bytes.size() >= 12 && view.substr(4, 4) == "ftyp") {
     const std::string_view brand = view.substr(8, 4);

@@ -89,20 +89,19 @@ Result<std::vector<GlobMatch>> glob_files(std::string_view pattern) {
   for (std::string& piece : split(pattern, '/')) {
     if (!piece.empty() && piece != ".") components.push_back(std::move(piece));
   }
-  if (components.empty())
+  if (components.empty() && absolute)
     return Error{ErrorCode::kIo, "give a file, a folder or a pattern", std::string(pattern)};
-  std::size_t first_wild = 0;
-  while (first_wild + 1 < components.size() && !has_wildcard(components[first_wild])) ++first_wild;
-  const fs::path root = absolute ? "/" : "";
-  fs::path fixed = root;
-  for (std::size_t i = 0; i < first_wild; ++i) fixed /= components[i];
-
   if (std::error_code ignored; !has_wildcard(pattern) && fs::is_directory(fs::path(pattern), ignored)) {
     auto matches = glob_files((fs::path(pattern) / "*").string());
     if (!matches) return matches;
     for (GlobMatch& match : *matches) match.key = match.file.stem().string();
     return matches;
   }
+  std::size_t first_wild = 0;
+  while (first_wild + 1 < components.size() && !has_wildcard(components[first_wild])) ++first_wild;
+  const fs::path root = absolute ? "/" : "";
+  fs::path fixed = root;
+  for (std::size_t i = 0; i < first_wild; ++i) fixed /= components[i];
 
   std::vector<Found> found;
   walk(root, components, 0, {}, found);

@@ -263,6 +263,25 @@ TEST(Formats, CutFilesAreRefused) {
   }
 }
 
+// Each format's first bytes and nothing behind them.
+TEST(Formats, BeginningsOfFilesAreRefused) {
+  const TempDir dir;
+  using namespace std::string_literals;
+  for (const std::string& head :
+       {"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"s,
+        "\xFF\xD8\xFF\xE1\0\x10"
+        "Exif\0\0"s,
+        "II*\0\x08\0\0\0\x01\0"s, "MM\0*\0\0\0\x08"s, "RIFF\x10\0\0\0WEBPVP8X"s, "P5\n12 12\n255\n"s,
+        "\0\0\0\x18"
+        "ftypheic"s,
+        "BM\x46\0\0\0\0\0\0\0"s}) {
+    for (std::size_t n = 1; n <= head.size(); ++n) {
+      write_text(dir / "cut.bin", head.substr(0, n));
+      EXPECT_FALSE(read_image_grey(dir / "cut.bin")) << n << " bytes of " << head;
+    }
+  }
+}
+
 TEST(Formats, PhonesPhotographsAreNamed) {
   const TempDir dir;
   write_text(dir / "a.heic", std::string("\0\0\0\x18", 4) + "ftypheic" + std::string(40, 'x'));
