@@ -19,6 +19,8 @@
 namespace plumbline::detail {
 namespace {
 
+constexpr double kAlike = 0.6;  ///< of the usual contrast: a circle beyond the grid is one of a larger grid
+
 Vec2 board_point(const Circles& b, int i) {
   const int c = i % b.columns, r = i / b.columns;
   return b.asymmetric ? Vec2(2 * c + r % 2, r) : Vec2(c, r);
@@ -177,10 +179,18 @@ double radius_of(double area_px2, const Mat2& J) {
   return std::sqrt(area_px2 / (std::numbers::pi * std::abs(J.determinant())));
 }
 
+/// What was measured of a grid, and what its discs look like.
+struct Measured {
+  std::vector<Corner> corners;
+  std::vector<Vec2> px;  ///< centroids
+  double radius = 0;     ///< [board units]
+  double contrast = 0;
+  int n_discs = 0;  ///< those with a clear outline
+};
+
 /// Centroids of the numbered circles, with what makes centres of them. `coarse_px`: what the finder's own
 /// centres are good to, for those that have no clear outline.
-std::vector<Corner> measure(const cv::Mat& grey, const Circles& board, std::vector<Vec2> px,
-                            double coarse_px) {
+Measured measure(const cv::Mat& grey, const Circles& board, std::vector<Vec2> px, double coarse_px) {
   const double noise = noise_level(grey, bounding_box(px, grey));
   const double nearest = board.asymmetric ? std::numbers::sqrt2 : 1;  // board units
   const int n = static_cast<int>(px.size());
@@ -206,13 +216,66 @@ std::vector<Corner> measure(const cv::Mat& grey, const Circles& board, std::vect
     radii.push_back(radius_of(fits[i]->area_px2, *J[i]));
   }
   radius = median(radii);
-  std::vector<Corner> out;
+  Measured out;
+  std::vector<double> contrasts;
+  for (const auto& fit : fits) {
+    if (fit) contrasts.push_back(fit->contrast);
+  }
+  out.n_discs = static_cast<int>(contrasts.size());
+  out.contrast = median(std::move(contrasts));
+  out.radius = radius;
   for (int i = 0; i < n; ++i) {
     const auto map = fits[i] && radius > 0 ? local_map(board, px, i) : std::nullopt;
     const Vec2 shift = map ? centre_shift(*map, radius) : Vec2::Zero();
-    out.push_back({i, px[i] + shift, fits[i] ? fits[i]->sigma_px : coarse_px});
+    out.corners.push_back({i, px[i] + shift, fits[i] ? fits[i]->sigma_px : coarse_px});
   }
+  out.px = std::move(px);
   return out;
+}
+
+/// Whether the lattice of a grid has a circle at `p` [board units] beyond circle i, as it has on the board.
+/// nullopt where that is not all in the image.
+std::optional<bool> has_circle_beyond(const cv::Mat& grey, const Circles& board, const Measured& grid, int i,
+                                      const Vec2& step, double noise) {
+  const auto H = local_plane(board, grid.px, i, 2);
+  const auto at = H ? map_point(*H, step) : std::nullopt;
+  if (!at) return std::nullopt;
+  const Mat2 J = map_jacobian(*H, step);
+  const double nearest = board.asymmetric ? std::numbers::sqrt2 : 1;
+  const double reach = grid.radius * std::max(J.col(0).norm(), J.col(1).norm()) + 2;
+  if (at->x() < reach || at->y() < reach || at->x() > grey.cols - 1 - reach ||
+      at->y() > grey.rows - 1 - reach)
+    return std::nullopt;
+  const double stretch = least_stretch(J);
+  const auto fit = fit_disc(
+      grey, {*at, J, grid.radius, (nearest / 2 - grid.radius) * stretch, 0.2 * nearest * stretch}, noise);
+  return fit && fit->contrast > kAlike * grid.contrast;
+}
+
+/// Whether circles go on beyond one of the grid's four sides: then it is a part of a larger one.
+bool goes_on(const cv::Mat& grey, const Circles& board, const Measured& grid) {
+  const double noise = noise_level(grey, bounding_box(grid.px, grey));
+  const double across = board.asymmetric ? 2 : 1;  // board units from circle to circle within a row
+  struct Side {
+    bool is_row;
+    int at, sense;
+  };
+  for (const Side side :
+       {Side{true, 0, -1}, {true, board.rows - 1, 1}, {false, 0, -1}, {false, board.columns - 1, 1}}) {
+    int asked = 0, there = 0;
+    for (int k = 0; k < (side.is_row ? board.columns : board.rows); ++k) {
+      const int c = side.is_row ? k : side.at, r = side.is_row ? side.at : k;
+      // Of an asymmetric grid the next row is half a step aside, on one side of the first row and the other
+      // of the second.
+      const double aside = board.asymmetric && side.is_row ? (r % 2 == 0 ? 1 : -1) : 0;
+      const Vec2 step = side.is_row ? Vec2(aside, side.sense) : Vec2(side.sense * across, 0);
+      const auto found = has_circle_beyond(grey, board, grid, r * board.columns + c, step, noise);
+      asked += found ? 1 : 0;
+      there += found && *found ? 1 : 0;
+    }
+    if (asked >= 2 && 2 * there > asked) return true;
+  }
+  return false;
 }
 
 std::optional<LatticePoints> number(const Circles& board, const LatticePoints& found) {
@@ -240,7 +303,17 @@ Detection detect_circles(const cv::Mat& grey, const Circles& board) {
             fmt::format("what looked like a {} is none: neighbouring circles do not fit the grid", name);
         continue;
       }
-      out.corners = measure(grey, board, numbered->px, 0.5 / std::min(1.0, scale));
+      Measured grid = measure(grey, board, numbered->px, 0.5 / std::min(1.0, scale));
+      if (2 * grid.n_discs < static_cast<int>(grid.px.size())) {
+        out.reason = fmt::format("what looked like a {} is none: {} of {} look like circles", name,
+                                 grid.n_discs, grid.px.size());
+        continue;
+      }
+      if (goes_on(grey, board, grid)) {
+        out.reason = fmt::format("part of a larger grid of circles than {}x{}", board.columns, board.rows);
+        continue;
+      }
+      out.corners = std::move(grid.corners);
       out.method = flags == 0 ? "findCirclesGrid, centroids" : "findCirclesGrid (clustering), centroids";
       out.reason.clear();
       return out;

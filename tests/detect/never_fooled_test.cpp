@@ -108,5 +108,28 @@ TEST(NeverFooled, SymmetricBoardsHalfOut) {
   }
 }
 
+// Grids of circles hold smaller grids, and squares are dark blobs too.
+TEST(NeverFooled, CirclesOfOtherCounts) {
+  std::vector<Target> targets;
+  for (const DataSet& set : data_sets()) {
+    if (std::holds_alternative<Circles>(set.spec)) targets.push_back(*make_target(set.spec));
+  }
+  int searched = 0;
+  for (const DataSet& set : data_sets()) {
+    const bool is_other = set.pattern == "chess9.png" || set.folder.ends_with("calib-3_stereo_from_JY/right");
+    if (!std::holds_alternative<Circles>(set.spec) && !is_other) continue;
+    const auto folder = data_dir(set.folder);
+    PLUMBLINE_NEEDS(folder);
+    const auto files = images_of(*folder, set.pattern);
+    const cv::Mat grey = *read_image_grey(files[is_other ? 2 * files.size() / 3 : 0]);
+    for (const Target& target : targets) {
+      if (target.spec == set.spec) continue;
+      ++searched;
+      EXPECT_TRUE(detect_target(grey, target)->corners.empty()) << target.name << " in " << set.folder;
+    }
+  }
+  EXPECT_GE(searched, 28);
+}
+
 }  // namespace
 }  // namespace plumbline::test
