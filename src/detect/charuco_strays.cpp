@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "detect/chess_grid.hpp"
+#include "detect/median.hpp"
 
 namespace plumbline::detail {
 namespace {
@@ -44,12 +45,6 @@ double oddness(const ChessGrid& grid, const ChessCorner& corner, double beside) 
     least = std::min(*off, least.value_or(*off));
   }
   return least.value_or(0);
-}
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
 }
 
 }  // namespace

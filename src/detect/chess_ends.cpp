@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "detect/median.hpp"
 #include "detect/saddle_fit.hpp"
 #include "detect/subpixel.hpp"
 
@@ -21,11 +22,6 @@ constexpr double kBeyondPx = 6;          ///< of the image's border: too near to
 constexpr double kMostUneven = 1.7;      ///< ratio of neighbouring steps; a fisheye's rim reaches 1.5
 constexpr double kLeastStraight = 0.85;  ///< cosine between them
 constexpr double kMostBreaks = 0.1;      ///< share of places where it is otherwise
-
-double median(std::vector<double> v) {
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 int colour(int c, int r) { return (c + r) % 2 == 0 ? 1 : -1; }
 

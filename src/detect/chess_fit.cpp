@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "detect/bends.hpp"
+#include "detect/median.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
 
@@ -18,12 +19,6 @@ constexpr double kLeastHoleMisfit = 0.4, kMoreMisfit = 2.5;
 constexpr double kFirstPx = 0.05;  ///< last step of the first fits, which say how the edges bend
 constexpr double kStray = 0.16;    ///< of the way between two neighbours: off their middle
 constexpr double kFaint = 0.35;    ///< of the median contrast
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 struct Fitted {
   ChessGrid grid;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "detect/median.hpp"
 #include "detect/pyramid.hpp"
 #include "detect/subpixel.hpp"
 
@@ -19,12 +20,6 @@ constexpr int kCoarsest = 500;
 constexpr double kWeakField = 0.2, kWeakFields = 0.08;
 constexpr double kMuchMore = 1.3;  ///< nodes of a lattice that was refused
 constexpr double kFaint = 0.35;    ///< of the strength of a lattice's weakest node
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 /// Mean grey level inside the field between four corners.
 std::optional<double> field(const cv::Mat& grey, const ChessGrid& grid, int c, int r) {

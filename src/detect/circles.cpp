@@ -11,6 +11,7 @@
 #include "detect/disc_fit.hpp"
 #include "detect/finders.hpp"
 #include "detect/lattice_order.hpp"
+#include "detect/median.hpp"
 #include "detect/outline.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
@@ -167,12 +168,6 @@ Vec2 centre_shift(const LocalMap& map, double radius) {
     sum.add(at(p) - centre, map_jacobian(map.H, p) * t + map.q * d);
   }
   return -sum.centroid();
-}
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
 }
 
 double radius_of(double area_px2, const Mat2& J) {

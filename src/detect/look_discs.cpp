@@ -5,6 +5,7 @@
 
 #include "detect/disc_fit.hpp"
 #include "detect/look_view.hpp"
+#include "detect/median.hpp"
 #include "detect/subpixel.hpp"
 #include "plumbline/detect/circle_bias.hpp"
 #include "plumbline/rig/validity.hpp"
@@ -16,12 +17,6 @@ constexpr int kMinDiscs = 6;
 constexpr double kMinShare = 1.0 / 3;
 constexpr double kOffSize = 0.2;                  ///< of the usual diameter
 constexpr double kOffPx = 1, kOffDeviations = 6;  ///< from where the others are, about their own places
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 /// One disc foretold and found.
 struct Pair {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "detect/median.hpp"
 #include "detect/planar.hpp"
 #include "detect/subpixel.hpp"
 #include "plumbline/linear/pose.hpp"
@@ -24,12 +25,6 @@ constexpr double kMinClean = 1.5;               ///< px beside an edge
 constexpr int kMinCorners = 6, kNeighbours = 4;
 constexpr double kMinShare = 1.0 / 3;
 constexpr double kMostShift = 0.25;  ///< of a square: a pose that is off by more may be one square off
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<long>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 bool is_inside(const Vec2& px, const cv::Mat& grey) {
   return px.x() >= kBorder && px.y() >= kBorder && px.x() <= grey.cols - 1 - kBorder &&

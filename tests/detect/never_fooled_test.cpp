@@ -131,5 +131,31 @@ TEST(NeverFooled, CirclesOfOtherCounts) {
   EXPECT_GE(searched, 28);
 }
 
+// A photograph of each set is searched for the marker boards of all other sets: the same dictionaries and
+// families on boards of other counts among them.
+TEST(NeverFooled, MarkerBoardsOfOtherSets) {
+  std::vector<Target> targets;
+  for (const DataSet& set : data_sets()) {
+    const bool has_markers =
+        std::holds_alternative<Charuco>(set.spec) || std::holds_alternative<AprilGrid>(set.spec);
+    const auto has = [&](const Target& t) { return t.spec == set.spec; };
+    if (has_markers && std::none_of(targets.begin(), targets.end(), has))
+      targets.push_back(*make_target(set.spec));
+  }
+  int searched = 0;
+  for (const DataSet& set : data_sets()) {
+    const auto folder = data_dir(set.folder);
+    PLUMBLINE_NEEDS(folder);
+    const auto files = images_of(*folder, set.pattern);
+    const cv::Mat grey = *read_image_grey(files[files.size() / 2]);
+    for (const Target& target : targets) {
+      if (target.spec == set.spec) continue;
+      ++searched;
+      EXPECT_TRUE(detect_target(grey, target)->corners.empty()) << target.name << " in " << set.folder;
+    }
+  }
+  EXPECT_GT(searched, 200);
+}
+
 }  // namespace
 }  // namespace plumbline::test
